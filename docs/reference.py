@@ -11,7 +11,6 @@ import textwrap
 import types
 import typing
 from enum import Enum
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.presets import PRESETS
 from planfit.scan import ScanOptions
-from planfit.scan.formats import READERS
+from planfit.scan.formats import READERS, format_of
 from planfit.synth import SynthOptions
 
 DOCS = Path(__file__).parent
@@ -334,7 +333,7 @@ def _help_entry(flag: Flag) -> list[str]:
 def scans_page() -> str:
     """docs/scan-formats.md: what each reader says of its format."""
     lines = [
-        NOTE.replace("docstrings of the options", "readers' docstrings"), "", "# Scans", "",
+        NOTE.replace("docstrings of the options", "readers' pages"), "", "# Scans", "",
         "A scan is a folder, a zip archive of one, a bag, a database, or a laser scanner's cloud. Of several "
         "scans in an archive one is named by its folder inside, `scans.zip/office`. The format is told by "
         "what lies in it; `--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
@@ -347,19 +346,17 @@ def scans_page() -> str:
         "`planfit[record3d]`, clouds `planfit[laser]`.", "",
         "| format | told by |", "| --- | --- |",
     ]  # fmt: skip
-    modules = {
-        name: import_module(f"planfit.scan.formats.{module}") for name, module in READERS.items()
-    }
-    lines += [f"| [{name}](#{name}) | {module.EXPECTS} |" for name, module in modules.items()]
+    formats = {name: format_of(name) for name in READERS}
+    lines += [f"| [{name}](#{name}) | {one.expects} |" for name, one in formats.items()]
     lines += [
         "", "## Where the layouts are known from", "",
         "A reader counts when it reads what others wrote. Tests read the real files where they have them "
         "(`tests/scan/test_real_files.py`), with made images where a copy left these out.", "",
         "| format | specification or real file | checked with it |", "| --- | --- | --- |",
     ]  # fmt: skip
-    lines += [f"| {name} | {' | '.join(module.CHECKED)} |" for name, module in modules.items()]
-    for name, module in modules.items():
-        lines += ["", f"## {name}", "", inspect.cleandoc(module.__doc__ or "")]
+    lines += [f"| {name} | {' | '.join(one.checked)} |" for name, one in formats.items()]
+    for name, one in formats.items():
+        lines += ["", f"## {name}", "", inspect.cleandoc(one.page)]
     return tidy(lines)
 
 

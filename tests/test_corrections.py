@@ -33,7 +33,7 @@ from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 from planfit.segmentation import Gravity
 from planfit.tracking import Tracking
 

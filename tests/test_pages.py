@@ -129,41 +129,62 @@ def sentences_of(path: Path) -> list[str]:
     return [one for one in found if len(one) > 40]
 
 
-def example_module(number: int) -> types.ModuleType:
-    """A Python module that docs/extending.md shows in full."""
-    code = re.findall(r"```python\n(.*?)```", (DOCS / "extending.md").read_text(), re.DOTALL)
+def example_module(page: str, number: int) -> types.ModuleType:
+    """A Python module that a page of docs/ shows in full."""
+    code = re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(), re.DOTALL)
     module = types.ModuleType(f"example_{number}")
-    exec(compile(code[number], "extending.md", "exec"), module.__dict__)
+    exec(compile(code[number], page, "exec"), module.__dict__)
     return module
 
 
-def test_scan_reader_of_the_page_reads_and_writes(tmp_path: Path) -> None:
-    reader, sample = example_module(0), make_sample()
+def test_layouts_of_the_page_read_and_write(tmp_path: Path) -> None:
+    sample = make_sample()
     n, camera = len(sample.poses), sample.camera
-    put(tmp_path / "camera.txt", f"{camera.fx:.9f} {camera.fy:.9f} {camera.cx} {camera.cy}\n")
-    put(tmp_path / "poses.txt", matrix_text(sample.poses.reshape(-1, 16)))
+    lens = f"{camera.fx:.9f} {camera.fy:.9f} {camera.cx} {camera.cy}\n"
+    files, rows = tmp_path / "files", tmp_path / "rows"
     for i in range(n):
-        put(tmp_path / "color" / f"{i}.png", png(sample.color[i]))
-        put(tmp_path / "depth" / f"{i}.png", png(sample.depth_mm[i]))
-    source = FolderSource(tmp_path)
-    assert reader.recognise(source)
-    scan = scan_from_recording(reader.read(source, ScanOptions()), ScanOptions())
-    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
-    depth = np.nan_to_num(scan.files.depth(2))
-    assert_allclose(depth, sample.depth_mm[2] / 1000, atol=1e-6)
-    np.testing.assert_array_equal(scan.files.color(1), sample.color[1])
-    out = tmp_path / "out"
-    out.mkdir()
-    scan.files.write_poses(out, scan.world_from_cams)
-    again = np.loadtxt(out / "poses.txt").reshape(-1, 4, 4)
-    assert_allclose(again, sample.poses, atol=1e-6)
-    put(tmp_path / "poses.txt", "1 2 3\n")
+        put(files / f"image_{i}.png", png(sample.color[i]))
+        put(files / f"depth_{i}.png", png(sample.depth_mm[i]))
+        put(files / f"pose_{i}.txt", matrix_text(sample.poses[i]))
+        put(rows / "color" / f"{i}.png", png(sample.color[i]))
+        put(rows / "depth" / f"{i}.png", png(sample.depth_mm[i]))
+    put(rows / "poses.txt", matrix_text(sample.poses.reshape(-1, 16)))
+    for number, folder in enumerate((files, rows)):
+        put(folder / "camera.txt", lens)
+        layout = example_module("own-layout.md", number).LAYOUT
+        assert layout.recognise(FolderSource(folder))
+        assert not layout.recognise(FolderSource(tmp_path))
+        scan = scan_from_recording(layout.read(FolderSource(folder), ScanOptions()), ScanOptions())
+        assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+        assert_allclose(scan.cameras[0].fx, camera.fx)
+        depth = np.nan_to_num(scan.files.depth(2))
+        assert_allclose(depth, sample.depth_mm[2] / 1000, atol=1e-6)
+        np.testing.assert_array_equal(scan.files.color(1), sample.color[1])
+        out = tmp_path / f"out{number}"
+        out.mkdir()
+        scan.files.write_poses(out, scan.world_from_cams)
+        assert sorted(path.name for path in out.iterdir()) == (
+            ["poses.txt"] if number else [f"pose_{i}.txt" for i in range(n)]
+        )
+        written = np.concatenate([np.loadtxt(path) for path in sorted(out.iterdir())])
+        assert_allclose(written.reshape(-1, 4, 4), sample.poses, atol=1e-6)
+    (files / "pose_1.txt").unlink()
+    (files / "image_2.png").unlink()
+    layout = example_module("own-layout.md", 0).LAYOUT
+    scan = scan_from_recording(layout.read(FolderSource(files), ScanOptions()), ScanOptions())
+    assert len(scan) == n - 2
+    assert scan.skipped == (
+        "frame 1: pose_1.txt is missing",
+        "frame 2: image_2.png is missing",
+    )
+    put(rows / "poses.txt", "1 2 3\n")
+    layout = example_module("own-layout.md", 1).LAYOUT
     with pytest.raises(planfit.errors.ScanError, match="expected 16 numbers a line, found 3"):
-        reader.read(source, ScanOptions())
+        layout.read(FolderSource(rows), ScanOptions())
 
 
 def test_plan_reader_of_the_page_reads(tmp_path: Path) -> None:
-    reader = example_module(1)
+    reader = example_module("extending.md", 0)
     path = tmp_path / "plan.txt"
     # Two faces of a wall 0.2 m thick.
     path.write_text("0 0 4000 0\n0 200 4000 200\n")

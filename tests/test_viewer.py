@@ -19,7 +19,7 @@ from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 from planfit.viewer import Session, ViewServer
 from planfit.viewer.server import page
 from test_corrections import HALF_TURN, walk_in_a_room

@@ -14,7 +14,8 @@ from numpy.testing import assert_array_equal
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import read_floorplan
 from planfit.scan import ScanOptions, corrupt_frames, read_scan
-from planfit.scan.formats import READERS, stray
+from planfit.scan.formats import READERS
+from planfit.scan.formats.stray import STRAY
 from planfit.scan.source import open_source
 from planfit.synth import SynthOptions, WalkOptions, make_scan, write_facap
 from scan_samples import (
@@ -181,7 +182,7 @@ def test_a_zipped_plan_is_the_plan_of_the_folder(tmp_path):
 def test_what_is_unpacked_goes_with_the_scan(sample, tmp_path):
     write_stray(tmp_path / "scan", sample)
     zip_of(tmp_path / "scan.zip", tmp_path / "scan")
-    recording = stray.read(open_source(tmp_path / "scan.zip"), ScanOptions())
+    recording = STRAY.read(open_source(tmp_path / "scan.zip"), ScanOptions())
     video = recording.images.video
     assert video.path == tmp_path / "scan.zip" / "rgb.mp4"
     assert video.file.read_bytes() == (tmp_path / "scan" / "rgb.mp4").read_bytes()

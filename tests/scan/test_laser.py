@@ -23,7 +23,7 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.formats.las import LasFile
-from planfit.scan.laser.up import find_up
+from planfit.scan.laser.faces import find_up
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 REAL = DATA / "real_files" / "las_laz" / "laspy"

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import ScanError
 from planfit.scan import read_scan
-from planfit.scan.formats.bag.poses import read_tf
-from planfit.scan.formats.bag.read import open_bag
+from planfit.scan.formats.bag import open_bag
+from planfit.scan.formats.bag_poses import read_tf
 from planfit.scan.formats.colmap_model import read_model, write_model
 from planfit.scan.pose_files import read_poses
 from planfit.scan.source import FolderSource

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.geometry import se3
-from planfit.scan.association import pair_times, poses_at
+from planfit.scan.poses import pair_times, poses_at
 
 TIMES = st.lists(st.integers(0, 400), min_size=1, max_size=25, unique=True)
 

@@ -246,3 +246,12 @@ def test_stray_scanner_with_depth_as_numbers_in_millimetres(sample, tmp_path, ki
     scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
     assert (len(scan), scan.warnings) == (N, ())
     assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)
+
+
+def test_3d_scanner_app_is_read_in_the_order_of_its_numbers(sample, tmp_path):
+    write_scanner_app(tmp_path, sample)
+    first = sorted(tmp_path.glob("frame_*.json"))[0]
+    content = json.loads(first.read_text())
+    first.write_text(json.dumps({**content, "time": content["time"] + 1000.0}))
+    ids = read_scan(tmp_path).frame_ids
+    assert list(ids) == sorted(ids)

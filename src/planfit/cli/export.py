@@ -24,7 +24,7 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime, whole_file, whole_folder
 from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, ScanOptions, read_scan, write_tum
-from planfit.scan.formats.redwood import write_log
+from planfit.scan.formats.pose_lists import write_log
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.views import write_cloud
 

@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import ScanError, require
 from planfit.geometry import se3
-from planfit.scan.association import pair_times
+from planfit.scan.poses import pair_times
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def associate_times(
     true_times: Float[np.ndarray, " t"],
     max_difference_s: float = 0.02,
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Indices of poses and of true poses that belong together by time, as `planfit.scan.association` pairs
+    """Indices of poses and of true poses that belong together by time, as `planfit.scan.poses` pairs
     them: each at most once, nearest first.
 
     Raises:

@@ -19,7 +19,7 @@ from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import match_sigma
 from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 from planfit.scan.views import select_frames
 
 _PICK_PX = 3.0

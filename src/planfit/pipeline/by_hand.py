@@ -25,7 +25,7 @@ from planfit.matching.by_hand import AGREES_M
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, short_repr
 from planfit.scan import Scan
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,10 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.lens import Lens
-from planfit.scan.options import ScanOptions
 from planfit.scan.poses import write_tum
 from planfit.scan.read import check_depth_unit
-from planfit.scan.recording import Frame, Recording, Size, scan_from_recording
-from planfit.scan.types import Label, Scan
+from planfit.scan.recording import Frame, Recording, Size, StoredImages, scan_from_recording
+from planfit.scan.types import Label, Scan, ScanOptions
 
 Images = Sequence[np.ndarray] | np.ndarray
 """One array a frame, or one array of all frames."""
@@ -86,15 +85,11 @@ def scan_from_arrays(
 
 
 @dataclass(frozen=True)
-class ArrayImages:
+class ArrayImages(StoredImages):
     """`StoredImages` that are arrays: the frame's id is its number."""
 
     colors: Images | Sequence[np.ndarray | None]
     depths_m: Images
-
-    def missing(self, frame: Frame) -> str:  # noqa: ARG002
-        """Nothing."""
-        return ""
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth."""
@@ -103,10 +98,6 @@ class ArrayImages:
         color = self.colors[i]
         shape = depth if color is None else color.shape
         return (shape[1], shape[0]), (depth[1], depth[0])
-
-    def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
-        """None."""
-        return []
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""

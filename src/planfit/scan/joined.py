@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 
 from planfit.errors import ScanError
 from planfit.runtime import short_repr
-from planfit.scan.types import Scan, ScanFiles
+from planfit.scan.types import RoutedFiles, Scan, ScanFiles
 
 
 @dataclass(frozen=True)
@@ -32,28 +32,13 @@ class FramesOfScan:
 
 
 @dataclass(frozen=True)
-class JoinedFiles:
+class JoinedFiles(RoutedFiles):
     """The images of several scans, frame after frame; poses are written for each scan apart."""
 
     files: tuple[ScanFiles, ...]
     scans: tuple[FramesOfScan, ...]
 
     __repr__ = short_repr
-
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """Colour image, RGB; None where the frame is depth alone."""
-        files, own_idx = self._of(frame_idx)
-        return files.color(own_idx)
-
-    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
-        """Depth, float32 m, NaN where nothing was measured."""
-        files, own_idx = self._of(frame_idx)
-        return files.depth(own_idx)
-
-    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
-        """Label image of `Label`."""
-        files, own_idx = self._of(frame_idx)
-        return files.labels(own_idx)
 
     def write_poses(
         self,
@@ -70,7 +55,7 @@ class JoinedFiles:
                 folder.mkdir()
                 files.write_poses(folder, world_from_cams[of], chosen[of] - own.first)
 
-    def _of(self, frame_idx: int) -> tuple[ScanFiles, int]:
+    def route(self, frame_idx: int) -> tuple[ScanFiles, int]:
         """The files that a frame is of, and its number there."""
         k = int(np.searchsorted([own.first for own in self.scans], frame_idx, side="right")) - 1
         return self.files[k], frame_idx - self.scans[k].first

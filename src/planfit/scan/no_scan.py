@@ -1,10 +1,11 @@
 """A path that holds no scan: what it most likely is instead, and what to do."""
 
 from pathlib import Path
-from types import ModuleType
 
 from planfit.errors import ScanError
+from planfit.scan.layout import FolderLayout, WholeFile
 from planfit.scan.source import FileSource, FolderSource
+from planfit.scan.tables import has_part
 
 LOOK_AT = 200
 """So many things in a folder are looked at in search of a scan."""
@@ -64,18 +65,18 @@ FOREIGN = {
 """By the ends of names: what a file that is no scan is, and the next step."""
 
 
-def no_scan_in_file(path: Path, modules: dict[str, ModuleType]) -> ScanError:
+def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
     """The error for a file that is neither an archive nor of a format of single files.
 
     Args:
         path: the file.
-        modules: readers of folders, by name.
+        layouts: formats of folders, by name.
     """
     begin = (
         f"{path}: expected the folder of a scan, a zip archive of one, a bag or a database, found"
     )
     owner = FolderSource(path.resolve().parent)
-    kind = _kind_of(owner, modules)
+    kind = _kind_of(owner, layouts)
     if kind:
         return ScanError(f"{begin} a file of a {kind} scan; give its folder, {owner.path}")
     what, step = FOREIGN.get(
@@ -86,17 +87,17 @@ def no_scan_in_file(path: Path, modules: dict[str, ModuleType]) -> ScanError:
 
 
 def no_scan_in_folder(
-    source: FileSource, modules: dict[str, ModuleType], own: dict[str, ModuleType]
+    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
 ) -> ScanError:
     """The error for a folder, or an archive, of no known layout.
 
     Args:
         source: the files.
-        modules: readers of folders, by name.
-        own: readers of single files, by name.
+        layouts: formats of folders, by name.
+        own: formats of single files, by name.
     """
     begin = f"{source.path}: expected a scan, found"
-    inside = _scans_inside(source, modules, own)
+    inside = _scans_inside(source, layouts, own)
     if inside:
         named = ", ".join(f"{path} ({kind})" for path, kind in inside[:NAMED])
         more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
@@ -107,7 +108,7 @@ def no_scan_in_folder(
         return ScanError(
             f"{begin} what RTAB-Map exported; give its database itself, the .db file, which has the poses too"
         )
-    near = nearest(source, modules)
+    near = nearest(source, layouts)
     if near:
         name, missing = near
         verb = "is" if len(missing) == 1 else "are"
@@ -117,40 +118,33 @@ def no_scan_in_folder(
             whole = "planfit needs depth of every frame"
         return ScanError(
             f"{begin} most of one of the format {name}, of which {lacking} {verb} missing; it is "
-            f"told by {modules[name].EXPECTS}: {whole}"
+            f"told by {layouts[name].expects}: {whole}"
         )
     held, step = _held(source)
-    formats = f"docs/scan-formats.md describes what is read: {', '.join([*modules, *own])}"
+    formats = f"docs/scan-formats.md describes what is read: {', '.join([*layouts, *own])}"
     return ScanError(f"{begin} {held}; {step or formats}")
 
 
-def nearest(source: FileSource, modules: dict[str, ModuleType]) -> tuple[str, list[str]] | None:
+def nearest(source: FileSource, layouts: dict[str, FolderLayout]) -> tuple[str, list[str]] | None:
     """The format most of whose parts are there, and which are not; None where none is near."""
     found = []
-    for name, module in modules.items():
-        parts = getattr(module, "PARTS", ())
-        missing = [part for part in parts if not any(_has(source, one) for one in part.split("|"))]
-        if missing and 2 * len(missing) <= len(parts):
-            found.append((len(missing), -len(parts), name, missing))
+    for name, layout in layouts.items():
+        missing = [part for part in layout.parts if not has_part(source, part)]
+        if missing and 2 * len(missing) <= len(layout.parts):
+            found.append((len(missing), -len(layout.parts), name, missing))
     if not found:
         return None
     _, _, name, missing = min(found)
     return name, missing
 
 
-def _has(source: FileSource, part: str) -> bool:
-    if part.endswith("/"):
-        return part[:-1] in source.folders() or bool(source.names(part[:-1]))
-    return source.exists(part)
-
-
-def _kind_of(source: FileSource, modules: dict[str, ModuleType]) -> str:
+def _kind_of(source: FileSource, layouts: dict[str, FolderLayout]) -> str:
     """The format of a folder; empty where it is no scan."""
-    return next((name for name, module in modules.items() if module.recognise(source)), "")
+    return next((name for name, layout in layouts.items() if layout.recognise(source)), "")
 
 
 def _scans_inside(
-    source: FileSource, modules: dict[str, ModuleType], own: dict[str, ModuleType]
+    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
 ) -> list[tuple[Path, str]]:
     """Scans that lie in a folder of this disk, and what they are."""
     if not isinstance(source, FolderSource):
@@ -158,7 +152,7 @@ def _scans_inside(
     found = []
     for path in sorted(source.path.iterdir())[:LOOK_AT]:
         if path.is_dir():
-            kind = _kind_of(FolderSource(path), modules)
+            kind = _kind_of(FolderSource(path), layouts)
             kind = kind or next((name for name, m in own.items() if m.claims(path)), "")
         elif path.suffix.lower() in (".zip", ".r3d"):
             kind = "archive"

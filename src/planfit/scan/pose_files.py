@@ -10,9 +10,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
-from planfit.scan.association import poses_at
 from planfit.scan.laser.trajectory import TUM, named_columns, parse_trajectory
-from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, tum_poses
+from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
 from planfit.scan.tables import number_table, shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames

@@ -5,23 +5,20 @@ tolerated -> calibration
 """
 
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import numpy as np
 
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of
 from planfit.scan.calibration_file import take_calibration
-from planfit.scan.formats import OWN_FILES, READERS
+from planfit.scan.formats import READERS, layouts, whole_files
+from planfit.scan.layout import FolderLayout
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
-from planfit.scan.options import ScanOptions
 from planfit.scan.pose_files import take_poses
-from planfit.scan.recording import scan_from_recording
+from planfit.scan.recording import Recording, scan_from_recording
 from planfit.scan.source import FileSource, ZipSource, open_source
-from planfit.scan.types import Scan
+from planfit.scan.types import Scan, ScanOptions
 from planfit.scan.views import tolerate_corrupt_frames
 
 N_DEPTH_FRAMES = 9
@@ -44,9 +41,9 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     path, options = Path(path), options or ScanOptions()
     options = replace(options, use_masks=use_masks and options.use_masks)
     _check_path(path)
-    module, source = _reader(path, options.format)
-    scan = scan_from_recording(module.read(source, options), options)
-    if options.poses is not None and not getattr(module, "TAKES_POSES", False):
+    recording, has_taken_poses = _read(path, options)
+    scan = scan_from_recording(recording, options)
+    if options.poses is not None and not has_taken_poses:
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
     scan = tolerate_corrupt_frames(scan)
     if options.calibration is not None:
@@ -102,24 +99,26 @@ def _check_path(path: Path) -> None:
         ) from error
 
 
-def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
+def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
+    """By the reader of its format, and whether poses of another tracker are part of it."""
+    name = options.format
     if name not in ("auto", *READERS):
         raise OptionError(f"format: expected auto, {', '.join(READERS)}, found {name!r}")
-    own = {n: import_module(f"planfit.scan.formats.{READERS[n]}") for n in OWN_FILES}
-    for kind, module in own.items():
-        if name == kind or (name == "auto" and module.claims(path)):
-            return module, module.open_own(path)
-    names = [name] if name != "auto" else [n for n in READERS if n not in own]
-    modules = {n: import_module(f"planfit.scan.formats.{READERS[n]}") for n in names}
+    own = whole_files()
+    for kind, whole in own.items():
+        if name == kind or (name == "auto" and whole.claims(path)):
+            return whole.read(whole.open(path), options), whole.takes_poses
+    known = {kind: one for kind, one in layouts().items() if name in ("auto", kind)}
     if not path.is_dir() and archive_of(path) is None:
-        raise no_scan_in_file(path, modules)
+        raise no_scan_in_file(path, known)
     source = open_source(path)
-    for module in modules.values():
-        if module.recognise(source):
-            return module, source
-    inside = _inside(source, list(modules.values()))
+    for layout in known.values():
+        if layout.recognise(source):
+            return layout.read(source, options), False
+    inside = _inside(source, list(known.values()))
     if len(inside) == 1:
-        return inside[0]
+        layout, one = inside[0]
+        return layout.read(one, options), False
     if inside:
         named = ", ".join(str(one.path) for _, one in inside)
         raise ScanError(
@@ -127,21 +126,21 @@ def _reader(path: Path, name: str) -> tuple[ModuleType, Any]:
         )
     if name != "auto":
         raise ScanError(
-            f"{path}: expected a scan of the format {name}: {modules[name].EXPECTS}; found none"
+            f"{path}: expected a scan of the format {name}: {known[name].expects}; found none"
         )
-    raise no_scan_in_folder(source, modules, own)
+    raise no_scan_in_folder(source, known, own)
 
 
-def _inside(source: FileSource, modules: list[ModuleType]) -> list[tuple[ModuleType, ZipSource]]:
+def _inside(source: FileSource, known: list[FolderLayout]) -> list[tuple[FolderLayout, ZipSource]]:
     """Scans in the folders of an archive, which nobody can name otherwise; those in others are left out."""
     if not isinstance(source, ZipSource):
         return []
-    found: list[tuple[ModuleType, ZipSource]] = []
+    found: list[tuple[FolderLayout, ZipSource]] = []
     for folder in source.all_folders():
         one = source.inside(folder)
         if any(one.path.is_relative_to(other.path) for _, other in found):
             continue
-        module = next((m for m in modules if m.recognise(one)), None)
-        if module is not None:
-            found.append((module, one))
+        layout = next((layout for layout in known if layout.recognise(one)), None)
+        if layout is not None:
+            found.append((layout, one))
     return found

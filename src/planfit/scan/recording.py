@@ -19,15 +19,14 @@ from planfit.runtime import short_repr
 from planfit.scan.images.depth_registration import register_depth
 from planfit.scan.images.lens import (
     Lens,
+    make_camera,
     resample_color,
     resample_depth,
     resample_labels,
     working_camera,
 )
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
 from planfit.scan.poses import is_lost, name_lost_frames
-from planfit.scan.types import Scan
+from planfit.scan.types import Scan, ScanOptions
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
 Size = tuple[int, int]
@@ -63,9 +62,9 @@ class Frame:
 class StoredImages(Protocol):
     """Images as they are stored, before lens and size are seen to. Safe to use from several threads."""
 
-    def missing(self, frame: Frame) -> str:
+    def missing(self, frame: Frame) -> str:  # noqa: ARG002
         """The image that is not there; empty where all are. Of a frame without colour only depth counts."""
-        ...
+        return ""
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth, without decoding them; of depth alone, twice that of the depth.
@@ -75,9 +74,9 @@ class StoredImages(Protocol):
         """
         ...
 
-    def warnings(self, frames: Sequence[Frame]) -> list[str]:
+    def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
         """What to look at before trusting the images of these frames."""
-        ...
+        return []
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB; not asked for where the frame has none.

@@ -1,6 +1,8 @@
-"""Text files of numbers, with errors that name the line."""
+"""Files by patterns of their names, and text files of numbers, with errors that name the line."""
 
 import json
+import re
+from collections.abc import Iterable
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -10,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.source import FileSource, read_text
+from planfit.scan.source import FileSource, in_order, read_text
 
 MAX_QUOTED = 80
 
@@ -113,3 +115,61 @@ def number_list(value: object, count: int, where: str) -> Float[np.ndarray, " co
     if array.size != count:
         raise ScanError(f"{where}: expected {count} numbers, found {array.size}")
     return array
+
+
+def has_part(source: FileSource, part: str) -> bool:
+    """Whether a file, a pattern or a folder (with a slash) is there; of `a|b`, one of them."""
+    for one in part.split("|"):
+        if one.endswith("/"):
+            if one[:-1] in source.folders() or source.names(one[:-1]):
+                return True
+        elif "{}" in one:
+            if Names(one).by_key(source):
+                return True
+        elif source.exists(one):
+            return True
+    return False
+
+
+def first_of(source: FileSource, names: Iterable[str]) -> str:
+    """The first of some names that is a file; the first of all where none is."""
+    listed = list(names)
+    return next((name for name in listed if source.exists(name)), listed[0])
+
+
+class Names:
+    """Files of one kind, by patterns whose `{}` stands for what tells frames apart.
+
+    `.*` at the end of a pattern is any suffix.
+    """
+
+    def __init__(self, *patterns: str, key: str = r"\d+") -> None:
+        self.patterns = patterns
+        self._found = [
+            (pattern.rpartition("/")[0], _expression(pattern.rpartition("/")[2], key))
+            for pattern in patterns
+        ]
+
+    def listed(self, source: FileSource, folder: str = "") -> list[tuple[str, str]]:
+        """Keys and names of the files that lie there, below `folder` (which ends with a slash)."""
+        found: dict[str, str] = {}
+        for inside, expression in self._found:
+            for name in source.names(folder + inside):
+                if match := expression.fullmatch(name):
+                    found.setdefault(f"{inside}/{name}".lstrip("/"), match[1])
+        return sorted(
+            ((key, name) for name, key in found.items()), key=lambda one: in_order(one[0])
+        )
+
+    def by_key(self, source: FileSource, folder: str = "") -> dict[str, str]:
+        """Names of the files by their keys."""
+        return dict(self.listed(source, folder))
+
+    def of(self, key: str) -> list[str]:
+        """What the files of a frame may be called."""
+        return [pattern.format(key) for pattern in self.patterns]
+
+
+def _expression(pattern: str, key: str) -> re.Pattern[str]:
+    text = re.escape(pattern).replace(re.escape("{}"), f"({key})").replace(r"\.\*", r"\.[^.]*")
+    return re.compile(text, re.IGNORECASE)

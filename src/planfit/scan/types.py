@@ -1,22 +1,79 @@
-"""A posed RGB-D scan: what every reader gives and every stage takes."""
+"""A posed RGB-D scan: how it is read, what every reader gives and every stage takes."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from planfit.errors import ScanError
+from planfit.errors import OptionError, ScanError, require, require_choice, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.runtime import short_repr
+from planfit.runtime import Changeable, require_kinds, short_repr
 from planfit.scan.poses import check_pose
 
 MAX_STEP_M = 20.0
 """Half of the steps between frames are shorter: nobody scans a building at strides of 20 m, but poses in
 millimetres look like it."""
+
+
+@dataclass(frozen=True)
+class ScanOptions(Changeable):
+    """Choices of the readers; most formats need none."""
+
+    format: str = "auto"
+    """Name of the format (docs/formats.md); `auto` tells it by what lies in the folder."""
+    use_masks: bool = True
+    """Whether floor and wall masks that lie beside the images are used."""
+    poses: Path | None = None
+    """Poses of another tracker (TUM, KITTI, EuRoC or Open3D log), of the colour camera, that take the place
+    of the scan's own; `planfit evaluate` judges them against the scan's own."""
+    calibration: Path | None = None
+    """Calibration of the depth camera, as `planfit calibrate` wrote it from another scan of the same device;
+    what a run finds comes on top."""
+    depth_scale: float | None = None
+    """Metres of one unit of the stored depth; overrules what the format says."""
+    max_time_gap_s: float = 0.02
+    """Colour, depth and poses with times of their own belong together up to this difference."""
+    min_confidence: int = 1
+    """Depth of less confidence is left out, where the format has confidence: 0 low, 1 medium, 2 high."""
+    image_size_px: int | None = None
+    """Longer side of the images worked on; by default colour is shrunk to VGA or to the size of the depth,
+    whichever is larger."""
+    color_topic: str = ""
+    """Topic of the colour images in a bag; by default the one whose name and type fit best."""
+    depth_topic: str = ""
+    """Topic of the depth images in a bag; by default the one registered to colour, if there is one."""
+    info_topic: str = ""
+    """Topic of the colour camera's intrinsics in a bag."""
+    pose_topic: str = ""
+    """Topic of the poses in a bag; by default tf, else poses or odometry."""
+    instant_s: float = 0.5
+    """A laser scan is cut into frames of this length."""
+    cloud_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"
+    """Axis of a laser scan's cloud that is up; `auto`: z, unless the path is level along another."""
+    cloud_time_offset_s: float | None = None
+    """Seconds to add to the times of a laser scan's cloud for those of its trajectory; by default the one
+    usual relation that fits (same clock, GPS week, GPS seconds, Unix time)."""
+
+    def __post_init__(self) -> None:
+        require_kinds(self)
+        require_positive(self, "max_time_gap_s", "instant_s")
+        require_choice(self, "cloud_up", "auto", "x", "y", "z", "-x", "-y", "-z")
+        for name in ("depth_scale", "image_size_px"):
+            if getattr(self, name) is not None:
+                require_positive(self, name)
+        require(
+            self.min_confidence in (0, 1, 2),
+            f"ScanOptions.min_confidence: expected 0, 1 or 2, found {self.min_confidence}",
+        )
+        if self.image_size_px is not None and self.image_size_px < 32:
+            raise OptionError(
+                f"ScanOptions.image_size_px: expected 32 or more, found {self.image_size_px}"
+            )
 
 
 class Label(IntEnum):
@@ -57,6 +114,29 @@ class ScanFiles(Protocol):
         `frame_idx` tells the frames that they belong to; without it, all in order.
         """
         ...
+
+
+class RoutedFiles(ABC):
+    """The images of frames that are some other files' frames: each frame is looked up there."""
+
+    @abstractmethod
+    def route(self, frame_idx: int) -> tuple[ScanFiles, int]:
+        """The files that a frame is of, and its number there."""
+
+    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
+        """Colour image, RGB; None where the frame is depth alone."""
+        files, own_idx = self.route(frame_idx)
+        return files.color(own_idx)
+
+    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
+        """Depth, float32 m, NaN where nothing was measured."""
+        files, own_idx = self.route(frame_idx)
+        return files.depth(own_idx)
+
+    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
+        """Label image of `Label`."""
+        files, own_idx = self.route(frame_idx)
+        return files.labels(own_idx)
 
 
 @runtime_checkable

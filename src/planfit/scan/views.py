@@ -13,7 +13,7 @@ from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.runtime import short_repr
 from planfit.scan.joined import JoinedFiles
-from planfit.scan.types import CloudFiles, Scan, ScanFiles
+from planfit.scan.types import CloudFiles, RoutedFiles, Scan, ScanFiles
 
 MAX_CORRUPT_SHARE = 0.01
 """A file system or a transfer spoils single frames; where more than one in a hundred are corrupt, something
@@ -97,22 +97,14 @@ def write_cloud(
 
 
 @dataclass(frozen=True)
-class FilesView:
+class FilesView(RoutedFiles):
     """A scan's files as they are: what sees them through something changes what it has to."""
 
     files: ScanFiles
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """Colour image, RGB; None where the frame is depth alone."""
-        return self.files.color(frame_idx)
-
-    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
-        """Depth, float32 m, NaN where nothing was measured."""
-        return self.files.depth(frame_idx)
-
-    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
-        """Label image of `Label`."""
-        return self.files.labels(frame_idx)
+    def route(self, frame_idx: int) -> tuple[ScanFiles, int]:
+        """The same frame."""
+        return self.files, frame_idx
 
     def write_poses(
         self,
@@ -142,17 +134,9 @@ class SelectedFiles(FilesView):
 
     selected: Int[np.ndarray, " k"]
 
-    def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
-        """Colour image, RGB; None where the frame is depth alone."""
-        return self.files.color(int(self.selected[frame_idx]))
-
-    def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
-        """Depth, float32 m, NaN where nothing was measured."""
-        return self.files.depth(int(self.selected[frame_idx]))
-
-    def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
-        """Label image of `Label`."""
-        return self.files.labels(int(self.selected[frame_idx]))
+    def route(self, frame_idx: int) -> tuple[ScanFiles, int]:
+        """The frame that was selected."""
+        return self.files, int(self.selected[frame_idx])
 
     def write_poses(
         self,

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 from planfit.survey.tags import find_tags
 from planfit.survey.types import LiftedMarks, Mark, Survey
 

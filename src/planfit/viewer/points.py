@@ -13,7 +13,7 @@ from planfit.errors import OptionError, ScanError
 from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.scan import Scan
-from planfit.scan.pixels import lift_pixel
+from planfit.scan.statistics import lift_pixel
 
 _SAME_POINT_SHARE = 0.05
 """A point of the cloud is the one that its pixel shows where both are as near to each other, as a share of

@@ -1,33 +1,52 @@
-"""One reader a format: each lists frames, poses and lenses as a `Recording`, and decodes no pixel."""
+"""The formats of scans: each is an entry, a `FolderLayout` or a `WholeFile`, and decodes no pixel."""
+
+from importlib import import_module
+
+from planfit.scan.layout import FolderLayout, WholeFile
 
 READERS = {
-    "facap": "facap",
-    "stray": "stray",
-    "record3d": "record3d",
-    "scanner-app": "scanner_app",
-    "polycam": "polycam",
-    "tum": "tum",
-    "bundlefusion": "bundlefusion",
-    "7-scenes": "seven_scenes",
-    "scannet": "scannet",
-    "arkit-scenes": "arkit_scenes",
-    "scannetpp": "scannetpp",
-    "replica": "replica",
-    "redwood": "redwood",
-    "nerfstudio": "nerfstudio",
-    "colmap": "colmap",
-    "rtabmap": "rtabmap",
-    "sens": "sens",
-    "las": "las",
-    "e57": "e57",
-    "bag": "bag",
+    "facap": "facap.FACAP",
+    "stray": "stray.STRAY",
+    "record3d": "record3d.RECORD3D",
+    "scanner-app": "camera_json.SCANNER_APP",
+    "polycam": "camera_json.POLYCAM",
+    "tum": "tum.TUM",
+    "bundlefusion": "seven_scenes.BUNDLEFUSION",
+    "7-scenes": "seven_scenes.SEVEN_SCENES",
+    "scannet": "scannet.SCANNET",
+    "arkit-scenes": "arkit_scenes.ARKIT_SCENES",
+    "scannetpp": "scannetpp.SCANNETPP",
+    "replica": "pose_lists.REPLICA",
+    "redwood": "pose_lists.REDWOOD",
+    "nerfstudio": "nerfstudio.NERFSTUDIO",
+    "colmap": "colmap.COLMAP",
+    "rtabmap": "rtabmap.RTABMAP",
+    "sens": "sens.SENS",
+    "las": "las.LAS",
+    "e57": "e57.E57",
+    "bag": "bag.BAG",
 }
-"""Module of this package that reads each format, in the order in which they are tried. Each has `EXPECTS`
-(what the format is told by, in words), `CHECKED` (where the layout is known from, and what was checked with
-it), `recognise(source)` and `read(source, options)`, which gives a `Recording`, and `PARTS` where several
-files (or folders, with a slash; one of several, `a|b`) make the format. They are imported when they are asked
-for, and import the libraries of their own (video, bags) only when they read."""
+"""Module of this package and entry in it by the format's name, in the order in which folders are tried. They
+are imported when they are asked for, and import the libraries of their own (video, bags) only when they read.
+"""
 
 OWN_FILES = ("las", "e57", "bag", "rtabmap", "sens")
-"""Formats that a library of their own opens: their modules have `claims(path)`, whether a path is one, and
-`open_own(path)`, the source that they recognise and read."""
+"""Formats that are one file, which a library of their own opens, in the order in which they are tried."""
+
+
+def layouts() -> dict[str, FolderLayout]:
+    """Formats of folders and archives, by name, in the order in which they are tried."""
+    found = {name: format_of(name) for name in READERS if name not in OWN_FILES}
+    return {name: one for name, one in found.items() if isinstance(one, FolderLayout)}
+
+
+def whole_files() -> dict[str, WholeFile]:
+    """Formats of one file, by name, in the order in which they are tried."""
+    found = {name: format_of(name) for name in OWN_FILES}
+    return {name: one for name, one in found.items() if isinstance(one, WholeFile)}
+
+
+def format_of(name: str) -> FolderLayout | WholeFile:
+    """The format of a name of `READERS`."""
+    module, _, entry = READERS[name].partition(".")
+    return getattr(import_module(f"planfit.scan.formats.{module}"), entry)

@@ -1,20 +1,7 @@
-"""ARKitScenes: the assets of one video of the raw or the 3dod set.
+"""ARKitScenes: images and poses with times of their own, intrinsics by the time of colour."""
 
-    SCAN/lowres_wide.traj                     `time rx ry rz tx ty tz`: cam_from_world, rotation vector, m
-    SCAN/vga_wide/, lowres_wide/ or wide/     colour, VIDEO_TIME.png; the first of these that is there
-    SCAN/COLOR_intrinsics/VIDEO_TIME.pincam   width height fx fy cx cy, of the colour of the same time
-    SCAN/lowres_depth/VIDEO_TIME.png          256 x 192, 16-bit millimetres
-    SCAN/confidence/VIDEO_TIME.png            0 low, 1 medium, 2 high (optional)
-
-Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
-interpolated. Depth belongs to colour of the same time; intrinsics may be a millisecond off by name, as the
-set's own loader knows. Whether the world is level is not told. Refined poses are written as
-`lowres_wide.traj`, at the times of the frames.
-"""
-
-from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -22,46 +9,34 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.association import pair_times, poses_at
-from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
-from planfit.scan.poses import MAX_ENTRY
-from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
+from planfit.scan.layout import FolderLayout, Listing, Refined
+from planfit.scan.pairing import read_camera
+from planfit.scan.poses import MAX_ENTRY, pair_times, poses_at
+from planfit.scan.recording import Frame, LensOfFrame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_matrix
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "lowres_wide.traj with folders lowres_depth/ and lowres_wide/ (vga_wide/, wide/)"
-CHECKED = (
-    "Apple's DATA.md, raw/README.md and tenFpsDataLoader.py "
-    "(github.com/apple/ARKitScenes). No real file",
-    "direction and form of poses, rates, names a millisecond apart, intrinsics, units",
-)
-"""Where the layout is known from, and what was checked with it."""
 POSES, DEPTH, CONFIDENCE = "lowres_wide.traj", "lowres_depth", "confidence"
 COLORS = ("vga_wide", "lowres_wide", "wide")
 """Colour of the same camera, best first: VGA at 30 Hz; 256 x 192 at 60 Hz; 1920 x 1440, but only of frames
 whose depth fits the laser scanner's."""
-PARTS = (POSES, f"{DEPTH}/", "lowres_wide/")
 MAX_POSE_GAP_S = 0.06
 """Poses come at 10 Hz: no image between two of them is further from the nearer one."""
 MAX_IMAGE_GAP_S = 0.005
 """Images of one moment have one time, up to the rounding of their names."""
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    folders = source.folders()
-    return source.exists(POSES) and DEPTH in folders and any(name in folders for name in COLORS)
+@dataclass(frozen=True)
+class _Pincams:
+    """Names of the files of intrinsics, by the ids of frames."""
+
+    folder: str
+    name_of: dict[str, str]
 
 
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # noqa: ARG001
     color = next((n for n in COLORS if source.names(n)), "lowres_wide")
     color_times, color_names = _by_time(source, color, ".png")
     depth_times, depth_names = _by_time(source, DEPTH, ".png")
@@ -99,30 +74,16 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         for i in np.flatnonzero(~has_lens)
     ]
     skipped += [f"frame {color_names[i]}: {POSES} has no pose near its time" for i in mine[~known]]
-    images = ImageFiles(source, options.depth_scale or 1e-3, options.min_confidence)
-    return Recording(
-        format="arkit-scenes",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=_lens_of_frame(source, f"{color}_intrinsics", lens_of),
-        write_poses=_write_poses,
-        fingerprint=images.fingerprint([POSES], frames, options),
-        skipped=skipped,
-    )
+    pincams_of = _Pincams(f"{color}_intrinsics", lens_of)
+    return Listing(source, frames, pincams_of, [POSES], skipped)
 
 
-def _lens_of_frame(source: FileSource, folder: str, name_of: dict[str, str]) -> LensOfFrame:
-    @cache
-    def of_file(name: str) -> Lens:
-        where = str(source.path / name)
-        values = read_matrix(source, name, "six numbers (w h fx fy cx cy)").ravel().tolist()
-        if len(values) != 6:
-            raise ScanError(f"{where}: expected six numbers (w h fx fy cx cy), found {len(values)}")
-        return Lens(make_camera(values[0], values[1], values[2:], where))
+def _lens(listing: Listing[_Pincams]) -> LensOfFrame:
+    pincams = listing.content
+    camera_of = cache(lambda name: Lens(read_camera(listing.source, name)))
 
     def lens(frame: Frame, _: Size) -> Lens:
-        return of_file(f"{folder}/{name_of[frame.frame_id]}")
+        return camera_of(f"{pincams.folder}/{pincams.name_of[frame.frame_id]}")
 
     return lens
 
@@ -163,14 +124,41 @@ def _read_poses(source: FileSource) -> tuple[Float[np.ndarray, " n"], Float[np.n
     return kept[:, 0], se3.inverse(se3.make_transform(rotations, kept[:, 4:]))
 
 
-def _write_poses(
-    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-) -> None:
-    cam_from_world = se3.inverse(poses)
+def _write(refined: Refined[_Pincams]) -> None:
+    cam_from_world = se3.inverse(refined.poses)
     vectors = Rotation.from_matrix(cam_from_world[:, :3, :3]).as_rotvec()
     rows = np.concatenate([vectors, cam_from_world[:, :3, 3]], axis=1)
     lines = [
         np.format_float_positional(frame.time, trim="-") + " " + " ".join(f"{v:.9f}" for v in row)
-        for frame, row in zip(frames, rows, strict=True)
+        for frame, row in zip(refined.frames, rows, strict=True)
     ]
-    (directory / POSES).write_text("\n".join(lines) + "\n")
+    (refined.directory / POSES).write_text("\n".join(lines) + "\n")
+
+
+ARKIT_SCENES = FolderLayout(
+    name="arkit-scenes",
+    page="""ARKitScenes: the assets of one video of the raw or the 3dod set.
+
+    SCAN/lowres_wide.traj                     `time rx ry rz tx ty tz`: cam_from_world, rotation vector, m
+    SCAN/vga_wide/, lowres_wide/ or wide/     colour, VIDEO_TIME.png; the first of these that is there
+    SCAN/COLOR_intrinsics/VIDEO_TIME.pincam   width height fx fy cx cy, of the colour of the same time
+    SCAN/lowres_depth/VIDEO_TIME.png          256 x 192, 16-bit millimetres
+    SCAN/confidence/VIDEO_TIME.png            0 low, 1 medium, 2 high (optional)
+
+Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
+interpolated. Depth belongs to colour of the same time; intrinsics may be a millisecond off by name, as the
+set's own loader knows. Whether the world is level is not told. Refined poses are written as
+`lowres_wide.traj`, at the times of the frames.
+""",
+    expects="lowres_wide.traj with folders lowres_depth/ and lowres_wide/ (vga_wide/, wide/)",
+    checked=(
+        "Apple's DATA.md, raw/README.md and tenFpsDataLoader.py "
+        "(github.com/apple/ARKitScenes). No real file",
+        "direction and form of poses, rates, names a millisecond apart, intrinsics, units",
+    ),
+    told_by=(POSES, f"{DEPTH}/", "|".join(f"{name}/" for name in COLORS)),
+    parts=(POSES, f"{DEPTH}/", "lowres_wide/"),
+    frames=_frames,
+    lens=_lens,
+    write=_write,
+)

@@ -1,63 +1,47 @@
-"""A COLMAP model with a folder of depth.
+"""A COLMAP model with a folder of depth."""
 
-    SCAN/sparse/0/, sparse/, or SCAN/    cameras and images, .bin or .txt
-    SCAN/images/ (or color/, rgb/)       colour, by the names of the model
-    SCAN/depth/ (or depths/)             NAME.png 16-bit millimetres, or NAME.npy metres
-
-The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
-poses are written with what the images observed, and without points, which `colmap point_triangulator` finds
-again.
-"""
-
-from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-from jaxtyping import Float
 
-from planfit.scan.formats.colmap_model import ColmapImage, model_files, read_model, write_model
-from planfit.scan.images.files import ImageFiles
+from planfit.scan.formats.colmap_model import (
+    ColmapCamera,
+    ColmapImage,
+    model_files,
+    read_model,
+    write_model,
+)
 from planfit.scan.images.lens import Lens
-from planfit.scan.options import ScanOptions
-from planfit.scan.recording import Frame, Recording, Size, id_of_name
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
+from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
+from planfit.scan.tables import first_of
+from planfit.scan.types import ScanOptions
 
-EXPECTS = (
-    "images.bin or images.txt in sparse/0/, sparse/ or the folder itself, with a folder depth/"
-)
-CHECKED = (
-    "two real models: binary by COLMAP (10 images, 1,430 observations in the first), text"
-    " by an ARKit exporter (20 images)",
-    "both read with their observations; pycolmap reads what is written",
-)
-"""Where the layout is known from, and what was checked with it."""
 MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
 DEPTH_FOLDERS = ("depth", "depths")
-PARTS = (
-    "sparse/|cameras.txt|cameras.bin",
-    "|".join(
-        str(PurePosixPath(f) / name) for f in MODEL_FOLDERS for name in ("images.txt", "images.bin")
-    ),
-    "|".join(f"{name}/" for name in DEPTH_FOLDERS),
+MODELS = "|".join(
+    str(PurePosixPath(folder) / name)
+    for folder in MODEL_FOLDERS
+    for name in ("images.txt", "images.bin")
 )
+DEPTHS = "|".join(f"{name}/" for name in DEPTH_FOLDERS)
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return _model_folder(source) is not None and any(
-        name in source.folders() for name in DEPTH_FOLDERS
-    )
+@dataclass(frozen=True)
+class _Model:
+    """Cameras by their ids, and images by the names of their colour; `where` is the file of cameras."""
+
+    folder: str
+    cameras: dict[int, ColmapCamera]
+    image_of: dict[str, ColmapImage]
+    where: Path
 
 
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
-    folder = _model_folder(source)
-    assert folder is not None
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Model]:  # noqa: ARG001
+    folder = _model_folder(source) or ""
     cameras_file, images_file = (PurePosixPath(name).name for name in model_files(source, folder))
     cameras, images = read_model(source, folder)
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
@@ -79,49 +63,30 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         for name in lone
         if source.exists(_depth_name(source, depths, name))
     ]
-
-    def lens(frame: Frame, _: Size) -> Lens:
-        camera = cameras[image_of[frame.color].camera_id]
-        where = source.path / folder / f"{cameras_file}, camera {camera.camera_id}"
-        return camera.lens(str(where))
-
-    def write_poses(
-        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        olds = [image_of[frame.color] for frame in written]
-        write_model(directory, list(cameras.values()), _refined(source, folder, olds, poses))
-
+    model = _Model(folder, cameras, image_of, source.path / folder / cameras_file)
     tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]
-    scale = options.depth_scale
-    stored = ImageFiles(source, scale or 1e-3, metres_per_float=scale or 1.0)
-    return Recording(
-        format="colmap",
-        path=source.path,
-        frames=frames,
-        images=stored,
-        color_lens=lens,
-        write_poses=write_poses,
-        fingerprint=stored.fingerprint(tables, frames, options),
-        skipped=skipped,
-    )
+    return Listing(source, frames, model, tables, skipped)
 
 
-def _refined(
-    source: FileSource,
-    folder: str,
-    olds: Sequence[ColmapImage],
-    poses: Float[np.ndarray, "k 4 4"],
-) -> list[ColmapImage]:
-    """Images with other poses. What they observe stays, the points do not: they lay where the old poses put
-    them, and point_triangulator finds them again."""
-    _, whole = read_model(source, folder, observations=True)
+def _lens(listing: Listing[_Model], frame: Frame, _: Size) -> Lens:
+    model = listing.content
+    camera = model.cameras[model.image_of[frame.color].camera_id]
+    return camera.lens(f"{model.where}, camera {camera.camera_id}")
+
+
+def _write(refined: Refined[_Model]) -> None:
+    """What images observe stays, the points do not: they lay where the old poses put them, and
+    point_triangulator finds them again."""
+    model = refined.content
+    _, whole = read_model(refined.source, model.folder, observations=True)
     uv_of = {image.image_id: image.uv for image in whole}
-    refined = []
-    for old, pose in zip(olds, poses, strict=True):
+    images = []
+    for frame, pose in zip(refined.frames, refined.poses, strict=True):
+        old = model.image_of[frame.color]
         uv = uv_of[old.image_id]
         none = np.full(0 if uv is None else len(uv), -1)
-        refined.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
-    return refined
+        images.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
+    write_model(refined.directory, list(model.cameras.values()), images)
 
 
 def _model_folder(source: FileSource) -> str | None:
@@ -134,5 +99,33 @@ def _model_folder(source: FileSource) -> str | None:
 
 def _depth_name(source: FileSource, folder: str, name: str) -> str:
     stem = PurePosixPath(name).with_suffix("")
-    candidates = [f"{folder}/{stem}.png", f"{folder}/{stem}.npy", f"{folder}/{name}.png"]
-    return next((n for n in candidates if source.exists(n)), candidates[0])
+    names = (f"{stem}.png", f"{stem}.npy", f"{name}.png")
+    return first_of(source, [f"{folder}/{one}" for one in names])
+
+
+COLMAP = FolderLayout(
+    name="colmap",
+    page="""A COLMAP model with a folder of depth.
+
+    SCAN/sparse/0/, sparse/, or SCAN/    cameras and images, .bin or .txt
+    SCAN/images/ (or color/, rgb/)       colour, by the names of the model
+    SCAN/depth/ (or depths/)             NAME.png 16-bit millimetres, or NAME.npy metres
+
+The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
+poses are written with what the images observed, and without points, which `colmap point_triangulator` finds
+again.
+""",
+    expects=(
+        "images.bin or images.txt in sparse/0/, sparse/ or the folder itself, with a folder depth/"
+    ),
+    checked=(
+        "two real models: binary by COLMAP (10 images, 1,430 observations in the first), text"
+        " by an ARKit exporter (20 images)",
+        "both read with their observations; pycolmap reads what is written",
+    ),
+    told_by=(MODELS, DEPTHS),
+    parts=("sparse/|cameras.txt|cameras.bin", MODELS, DEPTHS),
+    frames=_frames,
+    lens=each_frame(_lens),
+    write=_write,
+)

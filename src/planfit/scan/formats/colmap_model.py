@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
+from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.source import FileSource, in_order, read_text
 from planfit.scan.tables import shorten
 

@@ -1,14 +1,4 @@
-"""E57: clouds of mobile laser scanners, with `--poses TRAJECTORY` (planfit[laser]).
-
-    CLOUD.e57     ASTM E2807: scans of points with cartesian or spherical coordinates and timeStamp
-    TRAJECTORY    as of [las](#las), in the axes of the file
-
-Read as [las](#las) is: instants of half a second, seen by level cameras. A timeStamp counts seconds from the
-start of its scan, which the standard tells in GPS time; how times relate to the trajectory's clock is found
-where one usual relation alone fits, told, and refused else. Several scans of a file are one walk. Points
-that are marked as invalid are left out. Every point is moved by the correction of its time in the axes of its
-scan, whose pose stays; precision, fields and all else of the file are kept, but for groups of points (lines).
-"""
+"""E57 files as clouds: scans of points with times, read and written again with points moved."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -23,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError, told_as
 from planfit.geometry import se3
+from planfit.scan.laser.cloud import CHUNK_POINTS, CloudClock, Move, TimedPoints
 from planfit.scan.laser.e57_nodes import (
     COORDINATES,
     SPHERICAL,
@@ -35,42 +26,14 @@ from planfit.scan.laser.e57_nodes import (
     number_in,
     to_cartesian,
 )
-from planfit.scan.laser.points import CHUNK_POINTS, CloudClock, Move, TimedPoints
-from planfit.scan.laser.recording import laser_recording as read
+from planfit.scan.laser.recording import laser_recording
+from planfit.scan.layout import WholeFile
 
-__all__ = ["CHECKED", "EXPECTS", "claims", "open_own", "read", "recognise"]
-
-EXPECTS = "an .e57 file with times, and --poses TRAJECTORY"
-CHECKED = (
-    "ASTM E2807 as libE57Format implements it; seven real files of its and pye57's tests, none of them with "
-    "times. No real file with its trajectory",
-    "points, poses, invalid states and every field of the seven read, moved and written back; pye57 reads "
-    "what is written",
-)
-"""Where the layout is known from, and what was checked with it."""
-TAKES_POSES = True
-"""`ScanOptions.poses` is part of the scan here, and takes no place of other poses."""
 EXPECTED = "an E57 file"
-MAGIC = b"ASTM-E57"
 BOUNDS = ("cartesianBounds", "sphericalBounds")
 
 
-def claims(path: Path) -> bool:
-    """Whether this is an E57 file, by its first bytes or its name."""
-    if not path.is_file():
-        return False
-    if path.suffix.lower() == ".e57":
-        return True
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
-def recognise(source: "E57File") -> bool:
-    """Whether this is an E57 file."""
-    return claims(source.path)
-
-
-def open_own(path: Path) -> "E57File":
+def open_e57(path: Path) -> "E57File":
     """The file, whose header has been read.
 
     Raises:
@@ -322,3 +285,31 @@ def _scan_of(node: Any, start_s: float | None, shift_s: float) -> _ScanOfFile:
         start_s or None,
         shift_s,
     )
+
+
+E57 = WholeFile(
+    name="e57",
+    page="""E57: clouds of mobile laser scanners, with `--poses TRAJECTORY` (planfit[laser]).
+
+    CLOUD.e57     ASTM E2807: scans of points with cartesian or spherical coordinates and timeStamp
+    TRAJECTORY    as of [las](#las), in the axes of the file
+
+Read as [las](#las) is: instants of half a second, seen by level cameras. A timeStamp counts seconds from the
+start of its scan, which the standard tells in GPS time; how times relate to the trajectory's clock is found
+where one usual relation alone fits, told, and refused else. Several scans of a file are one walk. Points
+that are marked as invalid are left out. Every point is moved by the correction of its time in the axes of its
+scan, whose pose stays; precision, fields and all else of the file are kept, but for groups of points (lines).
+""",
+    expects="an .e57 file with times, and --poses TRAJECTORY",
+    checked=(
+        "ASTM E2807 as libE57Format implements it; seven real files of its and pye57's tests, none of them "
+        "with times. No real file with its trajectory",
+        "points, poses, invalid states and every field of the seven read, moved and written back; pye57 "
+        "reads what is written",
+    ),
+    suffixes=(".e57",),
+    magic=b"ASTM-E57",
+    open=open_e57,
+    read=laser_recording,
+    takes_poses=True,
+)

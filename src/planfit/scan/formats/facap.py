@@ -1,43 +1,25 @@
-"""The folder layout of the paper's published code (FACaP).
+"""The folder layout of the paper's published code (FACaP): four files a frame, masks, and the plan."""
 
-    SCAN/arcore/frame-NNNN.jpg (or .png)   colour; without any, the scan is depth alone
-    SCAN/arcore/depth-NNNN.png             16-bit depth, millimetres
-    SCAN/arcore/pose-NNNN.txt              world_from_cam, 4x4, OpenCV camera axes, y up
-    SCAN/arcore/cam_params-NNNN.txt        w h fx fy cx cy
-    SCAN/segmentation/frame-NNNN_{wall,floor,ceiling,columns}.png   masks, rotated by 90 deg (optional)
-    SCAN/floorplan.npy                     (n, 4) segments (u1, v1, u2, v2) m, in world (x, z) (optional)
-
-The plan shares the world's axes. Plan points are (x, -z), so that x, y and up stay right-handed.
-"""
-
-import re
-from collections.abc import Sequence
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path, PurePosixPath
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import decode_image, header_size
-from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
-from planfit.scan.poses import UP_Y, read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.layout import FolderLayout, Listing, each_frame
+from planfit.scan.pairing import TextPoses, read_camera
+from planfit.scan.poses import UP_Y, read_pose
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
-from planfit.scan.tables import read_matrix
-from planfit.scan.types import Label
+from planfit.scan.tables import Names
+from planfit.scan.types import Label, ScanOptions
 
-EXPECTS = "a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt"
-CHECKED = (
-    "a real scan of 249 frames in this layout (ConSLAM)",
-    "read whole; masks and axes against its depth, poses against its plan",
-)
-"""Where the layout is known from, and what was checked with it."""
 NO_COLOR = (
     "no images frame-NNNN.jpg: the scan is taken as depth alone; add them where there is colour"
 )
@@ -58,83 +40,50 @@ MASKS = {
     "columns": Label.COLUMN,
 }
 
-_FRAME = re.compile(r"frame-(\d+)\.(jpg|jpeg|png)$", re.IGNORECASE)
-_DEPTH = re.compile(r"depth-(.+)\.png$")
+COLOR = Names(*(f"{FRAMES}/frame-{{}}.{suffix}" for suffix in ("jpg", "jpeg", "png")))
+DEPTH = Names(f"{FRAMES}/depth-{{}}.png", key=".+")
+POSES = TextPoses("pose-{}.txt")
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return FRAMES in source.folders()
-
-
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan. With `use_masks` off, the masks are left unread, as if they were not there.
-
-    Raises:
-        ScanError: files are missing, unreadable, or contradict each other.
-    """
-    if options.depth_scale is not None:
-        raise ScanError(
-            f"{source.path}: expected depth in millimetres, as this layout has it; "
-            "leave out --depth-scale"
-        )
+def _frames(source: FileSource, options: ScanOptions) -> Listing[dict[str, Camera]]:
+    """Frames, and the camera of each. With `use_masks` off, masks are as if they were not there."""
     color_names = _color_names(source)
     frame_ids = sorted(color_names or _depth_ids(source), key=int)
     _check_counts(source, frame_ids, bool(color_names))
-    cameras = {i: _read_camera(source, f"{FRAMES}/cam_params-{i}.txt") for i in frame_ids}
+    cameras = {i: read_camera(source, f"{FRAMES}/cam_params-{i}.txt") for i in frame_ids}
     frames = [
         Frame(
             frame_id=i,
             time=float(i),
             world_from_cam=read_pose(source, f"{FRAMES}/pose-{i}.txt"),
-            color=f"{FRAMES}/{color_names[i]}" if color_names else "",
-            depth=f"{FRAMES}/depth-{i}.png",
+            color=color_names.get(i, ""),
+            depth=DEPTH.of(i)[0],
             size=(cameras[i].width, cameras[i].height),
         )
         for i in frame_ids
     ]
     masks = _list_masks(source, frames) if options.use_masks else []
-    images = ImageFiles(source, metres_per_unit=1e-3)
     tables = [f"{FRAMES}/{kind}-{i}.txt" for i in frame_ids for kind in ("pose", "cam_params")]
-
-    def lens(frame: Frame, _: Size) -> Lens:
-        return Lens(cameras[frame.frame_id])
-
-    return Recording(
-        format="facap",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=lens,
-        write_poses=_write_poses,
-        fingerprint=images.fingerprint([*tables, *masks], frames),
-        labels=partial(_read_labels, source) if masks else None,
-        up_world=UP_WORLD,
-        plan_from_world_axes=PLAN_FROM_WORLD,
-        floorplan_path=source.locate(PLAN) if source.exists(PLAN) else None,
-        warnings=[] if color_names else [NO_COLOR],
-    )
+    warnings = [] if color_names else [NO_COLOR]
+    return Listing(source, frames, cameras, [*tables, *masks], warnings=warnings)
 
 
 def _color_names(source: FileSource) -> dict[str, str]:
     """Names of colour images by what stands for the frame's number in them; none where there is no colour."""
     found: dict[int, tuple[str, str]] = {}
-    for name in source.names(FRAMES):
-        if match := _FRAME.match(name):
-            number = int(match[1])
-            if number in found:
-                raise ScanError(
-                    f"{source.path / FRAMES / name}: expected one colour image a frame, found "
-                    f"{found[number][1]} of the same number beside it; delete one of them"
-                )
-            found[number] = (match[1], name)
+    for key, name in sorted(COLOR.listed(source), key=lambda one: one[1]):
+        if int(key) in found:
+            raise ScanError(
+                f"{source.path / name}: expected one colour image a frame, found "
+                f"{PurePosixPath(found[int(key)][1]).name} of the same number beside it; delete one of them"
+            )
+        found[int(key)] = (key, name)
     return dict(found.values())
 
 
 def _depth_ids(source: FileSource) -> list[str]:
     """What stands for the frame's number in the names of depth images."""
-    found = [match[1] for name in source.names(FRAMES) if (match := _DEPTH.match(name))]
-    numbered = [number for number in found if number.isdecimal()]
+    numbered = [key for key in DEPTH.by_key(source) if key.isdecimal()]
     if not numbered:
         raise ScanError(
             f"{source.path / FRAMES}: expected colour images named frame-NNNN.jpg, or depth images named "
@@ -156,7 +105,7 @@ def _check_counts(source: FileSource, frame_ids: list[str], has_color: bool) -> 
                 f"{len(frame_ids)} {what}, found {len(frame_ids) - len(missing)}; "
                 f"copy the missing files or delete the {what} without them"
             )
-    depth_ids = {match[1] for name in names if (match := _DEPTH.match(name))}
+    depth_ids = set(DEPTH.by_key(source))
     extra = sorted(depth_ids - set(frame_ids))
     if extra:
         raise ScanError(
@@ -166,12 +115,8 @@ def _check_counts(source: FileSource, frame_ids: list[str], has_color: bool) -> 
         )
 
 
-def _read_camera(source: FileSource, name: str) -> Camera:
-    values = read_matrix(source, name, "six numbers (w h fx fy cx cy)").ravel().tolist()
-    where = str(source.path / name)
-    if len(values) != 6:
-        raise ScanError(f"{where}: expected six numbers (w h fx fy cx cy), found {len(values)}")
-    return make_camera(values[0], values[1], values[2:], where)
+def _lens(listing: Listing[dict[str, Camera]], frame: Frame, _: Size) -> Lens:
+    return Lens(listing.content[frame.frame_id])
 
 
 def _stem(frame: Frame) -> str:
@@ -208,6 +153,14 @@ def _list_masks(source: FileSource, frames: list[Frame]) -> list[str]:
     return found
 
 
+def _labels(
+    listing: Listing[dict[str, Camera]],
+) -> Callable[[Frame], UInt8[np.ndarray, "h w"]] | None:
+    """Where masks are read."""
+    has_masks = any(name.startswith(f"{MASKS_FOLDER}/") for name in listing.tables)
+    return partial(_read_labels, listing.source) if has_masks else None
+
+
 def _read_labels(source: FileSource, frame: Frame) -> UInt8[np.ndarray, "h w"]:
     width, height = frame.size or (0, 0)
     labels = np.full((height, width), Label.NONE, dtype=np.uint8)
@@ -230,8 +183,32 @@ def _wrong_mask_size(path: Path, found: tuple[int, ...], expected: Size | None) 
     )
 
 
-def _write_poses(
-    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-) -> None:
-    for frame, pose in zip(frames, poses, strict=True):
-        write_pose(directory / f"pose-{frame.frame_id}.txt", pose)
+FACAP = FolderLayout(
+    name="facap",
+    page="""The folder layout of the paper's published code (FACaP).
+
+    SCAN/arcore/frame-NNNN.jpg (or .png)   colour; without any, the scan is depth alone
+    SCAN/arcore/depth-NNNN.png             16-bit depth, millimetres
+    SCAN/arcore/pose-NNNN.txt              world_from_cam, 4x4, OpenCV camera axes, y up
+    SCAN/arcore/cam_params-NNNN.txt        w h fx fy cx cy
+    SCAN/segmentation/frame-NNNN_{wall,floor,ceiling,columns}.png   masks, rotated by 90 deg (optional)
+    SCAN/floorplan.npy                     (n, 4) segments (u1, v1, u2, v2) m, in world (x, z) (optional)
+
+The plan shares the world's axes. Plan points are (x, -z), so that x, y and up stay right-handed.
+""",
+    expects="a folder arcore/ with frame-NNNN.jpg, depth-NNNN.png, pose-NNNN.txt, cam_params-NNNN.txt",
+    checked=(
+        "a real scan of 249 frames in this layout (ConSLAM)",
+        "read whole; masks and axes against its depth, poses against its plan",
+    ),
+    told_by=lambda source: FRAMES in source.folders(),
+    frames=_frames,
+    can_scale_depth=False,
+    lens=each_frame(_lens),
+    write=POSES.write,
+    labels=_labels,
+    up_world=UP_WORLD,
+    plan_from_world_axes=PLAN_FROM_WORLD,
+    floorplan=PLAN,
+    has_options_in_fingerprint=False,
+)

@@ -1,19 +1,4 @@
-"""LAS and LAZ: clouds of mobile laser scanners, with `--poses TRAJECTORY` (planfit[laser]).
-
-    CLOUD.las, .laz    LAS 1.2 to 1.4, a point format with gps_time (1, 3 to 10)
-    TRAJECTORY         text, in the axes of the cloud: `time x y z [qx qy qz qw]`, or columns that a header
-                       names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23
-
-The cloud's z is up, unless the scanner's path says that another axis is, which is told (`--cloud-up`).
-The cloud is cut into instants of half a second. Each is seen from where the scanner was, as depth images of
-level pinhole cameras, which are the frames: one that follows the scanner where it sees to one side, else
-four. Points that are withheld or classified as noise (7, 18) are left out. Colour is not read. Times count
-from the start of the GPS week, or are GPS seconds less a billion (bit 0 of the header's encoding); how they
-relate to the trajectory's clock is found where one usual relation alone fits, told, and refused else.
-Coordinates are double precision; frames are near the origin, by an offset of whole kilometres. The refined
-trajectory is written in the form it came in, and the cloud with every point moved by the correction of its
-time: scale, offset, attributes, extra dimensions and records of the header as they were.
-"""
+"""LAS and LAZ files as clouds, read and written again with points moved."""
 
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -27,23 +12,11 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError, each_told_as, told_as
-from planfit.scan.laser.points import CHUNK_POINTS, CloudClock, Move, TimedPoints
-from planfit.scan.laser.recording import laser_recording as read
+from planfit.scan.laser.cloud import CHUNK_POINTS, CloudClock, Move, TimedPoints
+from planfit.scan.laser.recording import laser_recording
+from planfit.scan.layout import WholeFile
 
-__all__ = ["CHECKED", "EXPECTS", "claims", "open_own", "read", "recognise"]
-
-EXPECTS = "a .las or .laz file with GPS times, and --poses TRAJECTORY"
-CHECKED = (
-    "ASPRS LAS 1.4 R15; five real files of laspy's tests (1.2 and 1.4, point formats 3 and 6); columns of "
-    "trajectories as raycloudtools, HDMapping and OHM write and read them. No real file with its trajectory",
-    "points, times and attributes of all five files read, moved and written back; laspy reads what is "
-    "written",
-)
-"""Where the layout is known from, and what was checked with it."""
-TAKES_POSES = True
-"""`ScanOptions.poses` is part of the scan here, and takes no place of other poses."""
 EXPECTED = "a LAS or LAZ file"
-MAGIC = b"LASF"
 _HEADER_BYTES = 375
 """Of the longest header, that of version 1.4."""
 _HEADER_SIZE_AT = 94
@@ -57,22 +30,7 @@ CRS_RECORDS = "LASF_Projection"
 N_SEEKS, PER_SEEK = 12, 2000
 
 
-def claims(path: Path) -> bool:
-    """Whether this is a LAS or LAZ file, by its first bytes or its name."""
-    if not path.is_file():
-        return False
-    if path.suffix.lower() in (".las", ".laz"):
-        return True
-    with path.open("rb") as file:
-        return file.read(len(MAGIC)) == MAGIC
-
-
-def recognise(source: "LasFile") -> bool:
-    """Whether this is a LAS or LAZ file."""
-    return claims(source.path)
-
-
-def open_own(path: Path) -> "LasFile":
+def open_las(path: Path) -> "LasFile":
     """The file, whose header has been read.
 
     Raises:
@@ -245,3 +203,37 @@ def _timed(points: Any) -> TimedPoints:
     if "withheld" in points.point_format.dimension_names:
         is_valid &= ~np.array(points.withheld).astype(bool)
     return TimedPoints(xyz, times, is_valid)
+
+
+LAS = WholeFile(
+    name="las",
+    page="""LAS and LAZ: clouds of mobile laser scanners, with `--poses TRAJECTORY` (planfit[laser]).
+
+    CLOUD.las, .laz    LAS 1.2 to 1.4, a point format with gps_time (1, 3 to 10)
+    TRAJECTORY         text, in the axes of the cloud: `time x y z [qx qy qz qw]`, or columns that a header
+                       names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23
+
+The cloud's z is up, unless the scanner's path says that another axis is, which is told (`--cloud-up`).
+The cloud is cut into instants of half a second. Each is seen from where the scanner was, as depth images of
+level pinhole cameras, which are the frames: one that follows the scanner where it sees to one side, else
+four. Points that are withheld or classified as noise (7, 18) are left out. Colour is not read. Times count
+from the start of the GPS week, or are GPS seconds less a billion (bit 0 of the header's encoding); how they
+relate to the trajectory's clock is found where one usual relation alone fits, told, and refused else.
+Coordinates are double precision; frames are near the origin, by an offset of whole kilometres. The refined
+trajectory is written in the form it came in, and the cloud with every point moved by the correction of its
+time: scale, offset, attributes, extra dimensions and records of the header as they were.
+""",
+    expects="a .las or .laz file with GPS times, and --poses TRAJECTORY",
+    checked=(
+        "ASPRS LAS 1.4 R15; five real files of laspy's tests (1.2 and 1.4, point formats 3 and 6); columns "
+        "of trajectories as raycloudtools, HDMapping and OHM write and read them. No real file with its "
+        "trajectory",
+        "points, times and attributes of all five files read, moved and written back; laspy reads what "
+        "is written",
+    ),
+    suffixes=(".las", ".laz"),
+    magic=b"LASF",
+    open=open_las,
+    read=laser_recording,
+    takes_poses=True,
+)

@@ -1,59 +1,40 @@
-"""nerfstudio, Instant-NGP and NeRFCapture: `transforms.json` with depth.
-
-Each frame has `file_path`, `depth_file_path` (Instant-NGP: `depth_path`) and `transform_matrix`:
-world_from_cam with OpenGL camera axes. Intrinsics `fl_x fl_y cx cy w h` and distortion `k1 k2 p1 p2 k3 k4`
-with `camera_model` stand at the top or in a frame, which wins. There cx and cy count from the corner of the
-first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfstudio's default), or in units
-of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures), or
-`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. Frames are taken in the
-order of their `timestamp` where all have one. The axes of the world are anyone's.
-"""
+"""nerfstudio, Instant-NGP and NeRFCapture: one JSON that lists frames with poses and lenses."""
 
 import json
 from collections.abc import Sequence
-from pathlib import Path, PurePosixPath
+from dataclasses import dataclass
+from pathlib import PurePosixPath
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
+from planfit.scan.images.lens import Lens, make_camera
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose, from_opengl
-from planfit.scan.recording import Frame, Recording, Size, id_of_name
+from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
-from planfit.scan.tables import number_list, read_json
+from planfit.scan.tables import first_of, number_list, read_json
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "transforms.json with frames that have depth_file_path (or depth_path)"
-CHECKED = (
-    "nerfstudio_dataparser.py, three exporters that write integer_depth_scale (NeRFCapture, SplaTAM, "
-    "Instant-NGP), and NeRFCapture's DatasetWriter.swift. No real file",
-    "keys, half pixels, units of depth, the order of frames",
-)
-"""Where the layout is known from, and what was checked with it."""
 NAME = "transforms.json"
 DEPTH_KEYS = ("depth_file_path", "depth_path")
 KINDS = (
     "", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV_FISHEYE"
 )  # fmt: skip
 """Those of one formula; what a kind leaves out is 0."""
-PARTS = (NAME, "images/", "depth/")
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return source.exists(NAME)
+@dataclass(frozen=True)
+class _Transforms:
+    """The JSON, and what it lists of frames, by the names of their colour."""
+
+    content: dict[str, Any]
+    item_of: dict[str, dict[str, Any]]
+    where: str
 
 
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:  # noqa: ARG001
     path = source.path / NAME
     content = read_json(source, NAME)
     listed = content.get("frames")
@@ -70,37 +51,12 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         for i, (item, time) in enumerate(zip(listed, times, strict=True))
     ]
     item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
-
-    def lens(frame: Frame, size: Size) -> Lens:
-        return _lens({**content, **item_of[frame.color]}, size, f"{path}, {frame.color}")
-
-    def write_poses(
-        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        refined = [
-            {**item_of[frame.color], "transform_matrix": pose.tolist()}
-            for frame, pose in zip(written, from_opengl(poses), strict=True)
-        ]
-        text = json.dumps({**content, "frames": refined}, indent=1)
-        (directory / NAME).write_text(text + "\n")
-
-    images = ImageFiles(
-        source,
-        options.depth_scale or _metres_per_unit(content, str(path)),
-        metres_per_float=options.depth_scale or 1.0,
-    )
-    return Recording(
-        format="nerfstudio",
-        path=source.path,
-        frames=sorted(frames, key=lambda frame: frame.time),
-        images=images,
-        color_lens=lens,
-        write_poses=write_poses,
-        fingerprint=images.fingerprint([NAME], frames, options),
-    )
+    transforms = _Transforms(content, item_of, str(path))
+    return Listing(source, sorted(frames, key=lambda frame: frame.time), transforms, [NAME])
 
 
-def _metres_per_unit(content: dict[str, Any], where: str) -> float:
+def _metres_per_unit(listing: Listing[_Transforms]) -> float:
+    content, where = listing.content.content, listing.content.where
     stored = content.get("integer_depth_scale", 1e-3)
     scale = float(number_list(stored, 1, f"{where}, integer_depth_scale")[0])
     if not 0 < scale < np.inf:
@@ -111,8 +67,7 @@ def _metres_per_unit(content: dict[str, Any], where: str) -> float:
 def _image_name(source: FileSource, name: str) -> str:
     """A file of this name, with the suffix that it leaves out; programs on Windows write backslashes."""
     path = PurePosixPath(name if source.exists(name) else name.replace("\\", "/"))
-    others = [str(path) + suffix for suffix in ("", ".png", ".jpg", ".jpeg")]
-    return next((n for n in others if source.exists(n)), str(path))
+    return first_of(source, [f"{path}{suffix}" for suffix in ("", ".png", ".jpg", ".jpeg")])
 
 
 def _times(listed: Sequence[object]) -> list[float]:
@@ -139,7 +94,13 @@ def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
     return Frame(id_of_name(color), time, pose, color, depth)
 
 
-def _lens(values: dict[str, Any], size: Size, where: str) -> Lens:
+def _lens(listing: Listing[_Transforms], frame: Frame, size: Size) -> Lens:
+    transforms = listing.content
+    values = {**transforms.content, **transforms.item_of[frame.color]}
+    return _lens_of_values(values, size, f"{transforms.where}, {frame.color}")
+
+
+def _lens_of_values(values: dict[str, Any], size: Size, where: str) -> Lens:
     kind = values.get("camera_model", "")
     if kind not in KINDS:
         raise ScanError(
@@ -163,3 +124,40 @@ def _lens(values: dict[str, Any], size: Size, where: str) -> Lens:
     keys = ("k1", "k2", "k3", "k4") if is_fisheye else ("k1", "k2", "p1", "p2", "k3")
     distortion = number_list([values.get(key, 0.0) for key in keys], len(keys), where)
     return Lens(camera, tuple(distortion.tolist()), is_fisheye)
+
+
+def _write(refined: Refined[_Transforms]) -> None:
+    transforms = refined.content
+    listed = [
+        {**transforms.item_of[frame.color], "transform_matrix": pose.tolist()}
+        for frame, pose in zip(refined.frames, from_opengl(refined.poses), strict=True)
+    ]
+    text = json.dumps({**transforms.content, "frames": listed}, indent=1)
+    (refined.directory / NAME).write_text(text + "\n")
+
+
+NERFSTUDIO = FolderLayout(
+    name="nerfstudio",
+    page="""nerfstudio, Instant-NGP and NeRFCapture: `transforms.json` with depth.
+
+Each frame has `file_path`, `depth_file_path` (Instant-NGP: `depth_path`) and `transform_matrix`:
+world_from_cam with OpenGL camera axes. Intrinsics `fl_x fl_y cx cy w h` and distortion `k1 k2 p1 p2 k3 k4`
+with `camera_model` stand at the top or in a frame, which wins. There cx and cy count from the corner of the
+first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfstudio's default), or in units
+of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures), or
+`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. Frames are taken in the
+order of their `timestamp` where all have one. The axes of the world are anyone's.
+""",
+    expects="transforms.json with frames that have depth_file_path (or depth_path)",
+    checked=(
+        "nerfstudio_dataparser.py, three exporters that write integer_depth_scale (NeRFCapture, SplaTAM, "
+        "Instant-NGP), and NeRFCapture's DatasetWriter.swift. No real file",
+        "keys, half pixels, units of depth, the order of frames",
+    ),
+    told_by=(NAME,),
+    parts=(NAME, "images/", "depth/"),
+    frames=_frames,
+    metres_per_unit=_metres_per_unit,
+    lens=each_frame(_lens),
+    write=_write,
+)

@@ -1,18 +1,7 @@
-"""Record3D: its `.r3d`, a zip archive or the folder it unpacks to, and its export as EXR and JPG.
-
-    metadata, metadata.json   JSON: w h, dw dh, K (3x3 by column), perFrameIntrinsicCoeffs [[fx fy cx cy]],
-                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, axes of OpenGL as the image is
-                              stored, upright too), frameTimestamps or fps
-    rgbd/N.jpg, N.depth, N.conf     .r3d: colour; float32 metres and uint8 confidence (0 1 2), LZFSE, dh x dw
-    rgb/N.jpg (.png), depth/N.exr   EXR and JPG: colour; one channel of half floats, metres
-
-Intrinsics are those of the colour image. Whether the world is level is not told, so gravity is found from
-the depth. Recordings of the front camera have no poses: all of them are the identity.
-"""
+"""Record3D's recordings: numbered images, all else in one JSON, depth packed with LZFSE."""
 
 import json
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,29 +12,19 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.images.decode import depth_from_metres
-from planfit.scan.images.exr import read_exr
+from planfit.scan.images.decode import depth_from_metres, read_exr
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
+from planfit.scan.images.lens import Lens, make_camera
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import MAX_ENTRY, from_opengl
-from planfit.scan.recording import Frame, Recording, Size, check_proportions
+from planfit.scan.recording import Frame, Size, check_proportions
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
-
-EXPECTS = "metadata and rgbd/N.jpg, N.depth (a .r3d), or metadata.json, rgb/N.jpg and depth/N.exr"
-CHECKED = (
-    "nerfstudio's record3d_utils.py; a real export as EXR and JPG (345 poses, 2 frames). "
-    "No real .r3d",
-    "order of quaternions, K by column, poses of upright images, half floats in metres",
-)
-"""Where the layout is known from, and what was checked with it."""
-PARTS = ("metadata", "rgbd/")
+from planfit.scan.types import ScanOptions
 
 
 @dataclass(frozen=True)
-class Layout:
+class _Export:
     """Names of what an export consists of; frames are numbered from 0."""
 
     metadata: str
@@ -58,22 +37,28 @@ class Layout:
         return tuple(name.format(number) for name in (self.color, self.depth, self.confidence))  # type: ignore[return-value]
 
 
-R3D = Layout("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf")
+R3D = _Export("metadata", "rgbd/{}.jpg", "rgbd/{}.depth", "rgbd/{}.conf")
 EXR = (
-    Layout("metadata.json", "rgb/{}.jpg", "depth/{}.exr"),
-    Layout("metadata.json", "rgb/{}.png", "depth/{}.exr"),
+    _Export("metadata.json", "rgb/{}.jpg", "depth/{}.exr"),
+    _Export("metadata.json", "rgb/{}.png", "depth/{}.exr"),
 )
 
 _END, _PLAIN = b"bvx$", b"bvx-"
 """Marks of an LZFSE stream: its end, and a block stored without compression."""
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether an archive or folder has this layout."""
-    return _layout(source) is not None
+@dataclass(frozen=True)
+class _Metadata:
+    """What the JSON says; `where` begins messages."""
+
+    export: _Export
+    content: dict[str, Any]
+    where: str
+    color_size: Size
+    depth_size: Size
 
 
-def _layout(source: FileSource) -> Layout | None:
+def _export(source: FileSource) -> _Export | None:
     if source.exists(R3D.metadata) and any(n.endswith(".depth") for n in source.names("rgbd")):
         return R3D
     if not source.exists(EXR[0].metadata) or not any(
@@ -115,16 +100,10 @@ class Record3dImages(ImageFiles):
         return np.frombuffer(data, dtype=kind).reshape(height, width)
 
 
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
-    layout = _layout(source)
-    assert layout is not None
-    where = str(source.path / layout.metadata)
-    content = read_json(source, layout.metadata)
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Metadata]:  # noqa: ARG001
+    export = _export(source) or R3D
+    where = str(source.path / export.metadata)
+    content = read_json(source, export.metadata)
     poses = _poses(content, where)
     times = _times(content, len(poses), where)
     width, height = color_size = _size(content, ("w", "h"), (720, 960), where)
@@ -132,36 +111,24 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
     depth_size = _size(content, ("dw", "dh"), (192, 256) if height > width else (256, 192), where)
     check_proportions(color_size, depth_size, where)
     frames = [
-        Frame(str(i), float(time), pose, *layout.frame_names(i))
+        Frame(str(i), float(time), pose, *export.frame_names(i))
         for i, (time, pose) in enumerate(zip(times, poses, strict=True))
     ]
     _check_first_image(source, frames, color_size)
-    images = Record3dImages(
-        source,
-        options.depth_scale or 1.0,
-        options.min_confidence,
-        color_size=color_size,
-        depth_size=depth_size,
+    metadata = _Metadata(export, content, where, color_size, depth_size)
+    return Listing(source, frames, metadata, [export.metadata])
+
+
+def _images(plain: ImageFiles, listing: Listing[_Metadata]) -> ImageFiles:
+    metadata = listing.content
+    return Record3dImages(
+        **vars(plain), color_size=metadata.color_size, depth_size=metadata.depth_size
     )
 
-    def lens(frame: Frame, size: Size) -> Lens:
-        return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
 
-    def write_poses(
-        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        numbers = [int(frame.frame_id) for frame in written]
-        _write(directory / layout.metadata, content, numbers, refined)
-
-    return Recording(
-        format="record3d",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=lens,
-        write_poses=write_poses,
-        fingerprint=images.fingerprint([layout.metadata], frames, options),
-    )
+def _lens(listing: Listing[_Metadata], frame: Frame, size: Size) -> Lens:
+    content, where = listing.content.content, listing.content.where
+    return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
 
 
 def _check_first_image(source: FileSource, frames: list[Frame], size: Size) -> None:
@@ -216,16 +183,16 @@ def _times(content: dict[str, Any], count: int, where: str) -> Float[np.ndarray,
     return np.arange(count) / rate
 
 
-def _write(
-    path: Path, content: dict[str, Any], numbers: Sequence[int], refined: Float[np.ndarray, "k 4 4"]
-) -> None:
+def _write(refined: Refined[_Metadata]) -> None:
     """metadata with refined poses; those of frames that were left out stay as recorded."""
-    listed = [list(row) for row in content["poses"]]
-    gl_poses = from_opengl(refined)
+    metadata = refined.content
+    listed = [list(row) for row in metadata.content["poses"]]
+    gl_poses = from_opengl(refined.poses)
     quaternions = Rotation.from_matrix(gl_poses[:, :3, :3]).as_quat(canonical=True)
-    for number, pose, xyzw in zip(numbers, gl_poses, quaternions, strict=True):
-        listed[number] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
-    path.write_text(json.dumps({**content, "poses": listed}) + "\n")
+    for frame, pose, xyzw in zip(refined.frames, gl_poses, quaternions, strict=True):
+        listed[int(frame.frame_id)] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
+    path = refined.directory / metadata.export.metadata
+    path.write_text(json.dumps({**metadata.content, "poses": listed}) + "\n")
 
 
 def _decompress(data: bytes, n_bytes: int, path: Path) -> bytes:
@@ -276,3 +243,32 @@ def _by_library(data: bytes, path: Path) -> bytes:
         raise ScanError(
             f"{path}: expected an LZFSE stream, found a damaged one ({error})"
         ) from error
+
+
+RECORD3D = FolderLayout(
+    name="record3d",
+    page="""Record3D: its `.r3d`, a zip archive or the folder it unpacks to, and its export as EXR and JPG.
+
+    metadata, metadata.json   JSON: w h, dw dh, K (3x3 by column), perFrameIntrinsicCoeffs [[fx fy cx cy]],
+                              poses [[qx qy qz qw tx ty tz]] (world_from_cam, axes of OpenGL as the image is
+                              stored, upright too), frameTimestamps or fps
+    rgbd/N.jpg, N.depth, N.conf     .r3d: colour; float32 metres and uint8 confidence (0 1 2), LZFSE, dh x dw
+    rgb/N.jpg (.png), depth/N.exr   EXR and JPG: colour; one channel of half floats, metres
+
+Intrinsics are those of the colour image. Whether the world is level is not told, so gravity is found from
+the depth. Recordings of the front camera have no poses: all of them are the identity.
+""",
+    expects="metadata and rgbd/N.jpg, N.depth (a .r3d), or metadata.json, rgb/N.jpg and depth/N.exr",
+    checked=(
+        "nerfstudio's record3d_utils.py; a real export as EXR and JPG (345 poses, 2 frames). "
+        "No real .r3d",
+        "order of quaternions, K by column, poses of upright images, half floats in metres",
+    ),
+    told_by=lambda source: _export(source) is not None,
+    parts=("metadata", "rgbd/"),
+    frames=_frames,
+    metres_per_unit=1.0,
+    images=_images,
+    lens=each_frame(_lens),
+    write=_write,
+)

@@ -1,85 +1,41 @@
-"""ScanNet++: the iPhone's recording of a scene, depth as the set's toolkit unpacks it.
-
-    SCENE/iphone/pose_intrinsic_imu.json    by frame: timestamp, aligned_pose (world_from_cam, 4x4, OpenCV
-                                            axes, m), intrinsic (3x3, of the colour)
-    SCENE/iphone/rgb/frame_NNNNNN.jpg       colour, 1920 x 1440; else the video rgb.mkv or rgb.mp4
-    SCENE/iphone/depth/frame_NNNNNN.png     256 x 192, 16-bit millimetres
-
-SCENE or its folder iphone/ may be named. `depth.bin` is unpacked by the toolkit's prepare_iphone_data.py
-(extract_depth). `aligned_pose` is ARKit's in the axes and scale of the laser scan; whether those are level is
-not told. Refined poses take its place in `pose_intrinsic_imu.json`.
-"""
+"""ScanNet++: a JSON with pose and intrinsics of each frame, colour as images or as a video."""
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
-from jaxtyping import Float, UInt8
+from typing import Any
 
 from planfit.errors import ScanError
-from planfit.scan.images.files import ImageFiles, whole_image_size
-from planfit.scan.images.lens import Lens
+from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
 from planfit.scan.images.video import Video
-from planfit.scan.intrinsics import make_camera, matrix_intrinsics
-from planfit.scan.options import ScanOptions
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "pose_intrinsic_imu.json (in iphone/) with rgb/ or rgb.mkv, and depth/"
-CHECKED = (
-    "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and two"
-    " loaders by others. No real file",
-    "names, axes of aligned_pose, units, what is unpacked",
-)
-"""Where the layout is known from, and what was checked with it."""
 NAME = "pose_intrinsic_imu.json"
 VIDEOS = ("rgb.mkv", "rgb.mp4")
-PARTS = (f"iphone/{NAME}", "iphone/rgb/", "iphone/depth/")
 _FRAME = re.compile(r"frame_(\d{1,9})")
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return _folder(source) is not None
+@dataclass(frozen=True)
+class _PoseFile:
+    """The JSON, and its entries for frames by their ids."""
+
+    content: dict[str, Any]
+    entries: dict[str, Any]
+    where: str
 
 
 def _folder(source: FileSource) -> str | None:
     return next((folder for folder in ("", "iphone/") if source.exists(folder + NAME)), None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class VideoColor(ImageFiles):
-    """Colour out of a video by the frame's number."""
-
-    video: Video
-
-    def sizes(self, frame: Frame) -> tuple[Size, Size]:
-        """Of the video, and of the depth from its header."""
-        return (self.video.width, self.video.height), whole_image_size(self.source, frame.depth)
-
-    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
-        """Colour image, RGB."""
-        return self.video.frame(_number(frame.frame_id))
-
-
-def _number(frame_id: str) -> int:
-    match = _FRAME.fullmatch(frame_id)
-    return int(match[1]) if match else -1
-
-
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
-    folder = _folder(source)
-    assert folder is not None
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_PoseFile]:  # noqa: ARG001
+    folder = _folder(source) or ""
     where = str(source.path / folder / NAME)
     content = read_json(source, folder + NAME)
     entries = {name: entry for name, entry in content.items() if _FRAME.fullmatch(name)}
@@ -94,35 +50,30 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
             continue
         color = folder + (f"rgb/{name}.jpg" if video is None else video_name)
         frames.append(_frame(name, entries[name], color, f"{folder}depth/{name}.png", where))
+    pose_file = _PoseFile(content, entries, where)
+    return Listing(source, frames, pose_file, [folder + NAME], skipped, video=video)
 
-    def lens(frame: Frame, size: Size) -> Lens:
-        at = f"{where}, {frame.frame_id}"
-        numbers = number_list(entries[frame.frame_id].get("intrinsic"), 9, f"{at}, intrinsic")
-        return Lens(make_camera(*size, matrix_intrinsics(numbers.reshape(3, 3), at), at))
 
-    def write_poses(
-        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        refined = {
-            frame.frame_id: {**entries[frame.frame_id], "aligned_pose": pose.tolist()}
-            for frame, pose in zip(written, poses, strict=True)
-        }
-        (directory / NAME).write_text(json.dumps({**content, **refined}) + "\n")
+def _lens(listing: Listing[_PoseFile], frame: Frame, size: Size) -> Lens:
+    at = f"{listing.content.where}, {frame.frame_id}"
+    stored = listing.content.entries[frame.frame_id].get("intrinsic")
+    numbers = number_list(stored, 9, f"{at}, intrinsic")
+    return Lens(make_camera(*size, matrix_intrinsics(numbers.reshape(3, 3), at), at))
 
-    if video is None:
-        images: ImageFiles = ImageFiles(source, options.depth_scale or 1e-3)
-    else:
-        images = VideoColor(source, options.depth_scale or 1e-3, video=video)
-    return Recording(
-        format="scannetpp",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=lens,
-        write_poses=write_poses,
-        fingerprint=images.fingerprint([folder + NAME], frames, options),
-        skipped=skipped,
-    )
+
+def _write(refined: Refined[_PoseFile]) -> None:
+    entries = refined.content.entries
+    posed = {
+        frame.frame_id: {**entries[frame.frame_id], "aligned_pose": pose.tolist()}
+        for frame, pose in zip(refined.frames, refined.poses, strict=True)
+    }
+    text = json.dumps({**refined.content.content, **posed})
+    (refined.directory / NAME).write_text(text + "\n")
+
+
+def _number(frame_id: str) -> int:
+    match = _FRAME.fullmatch(frame_id)
+    return int(match[1]) if match else -1
 
 
 def _check_depth(source: FileSource, folder: str) -> None:
@@ -157,3 +108,30 @@ def _frame(name: str, entry: object, color: str, depth: str, where: str) -> Fram
     check_recorded_pose(pose, at)
     time = number_list(entry.get("timestamp", _number(name) / 60), 1, f"{at}, timestamp")
     return Frame(name, float(time[0]), pose, color, depth)
+
+
+SCANNETPP = FolderLayout(
+    name="scannetpp",
+    page="""ScanNet++: the iPhone's recording of a scene, depth as the set's toolkit unpacks it.
+
+    SCENE/iphone/pose_intrinsic_imu.json    by frame: timestamp, aligned_pose (world_from_cam, 4x4, OpenCV
+                                            axes, m), intrinsic (3x3, of the colour)
+    SCENE/iphone/rgb/frame_NNNNNN.jpg       colour, 1920 x 1440; else the video rgb.mkv or rgb.mp4
+    SCENE/iphone/depth/frame_NNNNNN.png     256 x 192, 16-bit millimetres
+
+SCENE or its folder iphone/ may be named. `depth.bin` is unpacked by the toolkit's prepare_iphone_data.py
+(extract_depth). `aligned_pose` is ARKit's in the axes and scale of the laser scan; whether those are level is
+not told. Refined poses take its place in `pose_intrinsic_imu.json`.
+""",
+    expects="pose_intrinsic_imu.json (in iphone/) with rgb/ or rgb.mkv, and depth/",
+    checked=(
+        "the set's toolkit (github.com/scannetpp/scannetpp, prepare_iphone_data.py) and two"
+        " loaders by others. No real file",
+        "names, axes of aligned_pose, units, what is unpacked",
+    ),
+    told_by=(f"{NAME}|iphone/{NAME}",),
+    parts=(f"iphone/{NAME}", "iphone/rgb/", "iphone/depth/"),
+    frames=_frames,
+    lens=each_frame(_lens),
+    write=_write,
+)

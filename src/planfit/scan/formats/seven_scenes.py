@@ -1,43 +1,23 @@
-"""7-Scenes: `frame-NNNNNN.color.png`, `.depth.png`, `.pose.txt` in one folder.
-
-Depth is 16-bit millimetres, 0 and 65535 where nothing was measured; poses are world_from_cam, 4x4, OpenCV
-camera axes. `camera-intrinsics.txt` (3x3) gives the intrinsics.
-
-Without that file, or where it has the numbers that 7-Scenes publishes (fx = fy = 585, cx = 320, cy = 240),
-the images are a Kinect's as they came from it: 585 is the depth camera, the poses are its own, and the colour
-camera stood 2.5 cm beside it. Its calibration was never published; those who work with 7-Scenes (DSAC*, ACE,
-the pseudo ground truth of Brachmann et al. 2021) take fx = 525 and the mount that LIRIS measured on another
-Kinect (https://projet.liris.cnrs.fr/voir/activities-dataset/kinect-calibration.html), and so does this
-reader. The scan's poses are then the colour camera's, and so must those of `--poses` be; the files read and
-written are the depth camera's. With other intrinsics, as 3DMatch exports of other datasets have them, depth
-is registered to colour, and there is one camera.
-"""
+"""Frames as 7-Scenes names them, `frame-NNNNNN.color.png` and so on: its own folders, and BundleFusion's."""
 
 import re
-from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera, matrix_intrinsics
-from planfit.scan.options import ScanOptions
-from planfit.scan.poses import read_pose, write_pose
-from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
-from planfit.scan.source import FileSource
-from planfit.scan.tables import read_matrix
+from planfit.scan.formats.scannet import check_extrinsics
+from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
+from planfit.scan.layout import FolderLayout, Listing
+from planfit.scan.pairing import FileAFrame, SharedLens, TextPoses
+from planfit.scan.poses import check_pose
+from planfit.scan.recording import Frame, LensOfFrame, Size, pinhole_lens
+from planfit.scan.source import FileSource, read_text
+from planfit.scan.tables import Names, shorten
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "frame-NNNNNN.color.png, .depth.png and .pose.txt"
-CHECKED = (
-    "the real red kitchen, every fourth of 1,000 frames",
-    "axes and units, and where the colour camera stands (benchmarks)",
-)
-"""Where the layout is known from, and what was checked with it."""
 PUBLISHED = (585.0, 585.0, 320.0, 240.0)
 KINECT_SIZE = (640, 480)
 KINECT_COLOR = (525.0, 525.0, 320.0, 240.0)
@@ -55,12 +35,15 @@ COLOR_FROM_DEPTH = np.array(
     ]
 )
 """Of a Kinect: LIRIS's calibration."""
-INTRINSICS = "camera-intrinsics.txt"
-
-DEPTH_ENDS = (".depth.png", ".depth.pgm")
-
-_COLOR = re.compile(r"frame-(\d+)\.color\.(png|jpg|jpeg)$", re.IGNORECASE)
-_OTHER = re.compile(r"frame-(\d+)\.(depth\.(png|pgm)|pose\.txt)$", re.IGNORECASE)
+OWN_LENS = SharedLens("camera-intrinsics.txt")
+INTRINSICS = OWN_LENS.name
+POSES = TextPoses("frame-{}.pose.txt")
+FRAMES = FileAFrame(
+    color=Names("frame-{}.color.png", "frame-{}.color.jpg", "frame-{}.color.jpeg"),
+    depth=Names("frame-{}.depth.png", "frame-{}.depth.pgm"),
+    poses=POSES.pattern,
+    read=POSES.read,
+)
 _SEQUENCE = re.compile(r"seq-\d+(\.zip)?$")
 """Folders of 7-Scenes itself, which come without intrinsics."""
 _TAKEN = (
@@ -69,34 +52,44 @@ _TAKEN = (
 )
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout."""
-    return has_frames(source)
+@dataclass(frozen=True)
+class _Cameras:
+    """Intrinsics of a folder, and whether they are a Kinect's that stands beside its colour camera."""
+
+    intrinsics: tuple[float, ...]
+    is_raw: bool
+
+    @property
+    def color_from_depth(self) -> Float[np.ndarray, "4 4"]:
+        """Between the two."""
+        return COLOR_FROM_DEPTH if self.is_raw else np.eye(4)
 
 
-def has_frames(source: FileSource, folder: str = "") -> bool:
-    """Whether colour images of this layout lie in a folder, which ends with a slash."""
-    return any(_COLOR.match(name) for name in source.names(folder))
-
-
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Cameras]:
+    """Frames with the poses of the colour camera."""
     has_own = source.exists(INTRINSICS)
-    intrinsics = PUBLISHED
-    if has_own:
-        matrix = read_matrix(source, INTRINSICS, "a 3x3 matrix of intrinsics")
-        intrinsics = matrix_intrinsics(matrix, str(source.path / INTRINSICS))
-    is_raw = np.allclose(intrinsics, PUBLISHED, atol=0.5)
-    color_from_depth = COLOR_FROM_DEPTH if is_raw else np.eye(4)
-    frames, skipped = list_frames(source)
-    depth_from_color = se3.inverse(color_from_depth)
-    frames = [replace(f, world_from_cam=f.world_from_cam @ depth_from_color) for f in frames]
+    intrinsics = OWN_LENS.numbers(source) if has_own else PUBLISHED
+    cameras = _Cameras(intrinsics, bool(np.allclose(intrinsics, PUBLISHED, atol=0.5)))
+    listing = FRAMES(source, options)
+    depth_from_color = se3.inverse(cameras.color_from_depth)
+    return replace(
+        listing,
+        frames=[
+            replace(frame, world_from_cam=frame.world_from_cam @ depth_from_color)
+            for frame in listing.frames
+        ],
+        content=cameras,
+        tables=[*listing.tables, *([INTRINSICS] if has_own else [])],
+        warnings=[] if has_own or _SEQUENCE.match(source.path.resolve().name) else [_TAKEN],
+    )
 
-    lens = pinhole_lens(intrinsics, str(source.path / INTRINSICS))
+
+def _own_lens(listing: Listing[_Cameras]) -> LensOfFrame:
+    return pinhole_lens(listing.content.intrinsics, str(listing.source.path / INTRINSICS))
+
+
+def _color_lens(listing: Listing[_Cameras]) -> LensOfFrame:
+    source = listing.source
 
     def kinect_color(frame: Frame, size: Size) -> Lens:
         if size != KINECT_SIZE:
@@ -107,60 +100,159 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
             )
         return Lens(make_camera(*size, KINECT_COLOR, str(source.path)))
 
-    def write_poses(
-        directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        write_frame_poses(directory, written, poses @ color_from_depth)
-
-    images = ImageFiles(source, options.depth_scale or 1e-3)
-    tables = [pose_name(frame.frame_id) for frame in frames]
-    tables += [INTRINSICS] if has_own else []
-    return Recording(
-        format="7-scenes",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=kinect_color if is_raw else lens,
-        depth_lens=lens if is_raw else None,
-        color_from_depth=color_from_depth if is_raw else None,
-        write_poses=write_poses,
-        fingerprint=images.fingerprint(tables, frames, options),
-        skipped=skipped,
-        warnings=[] if has_own or _SEQUENCE.match(source.path.resolve().name) else [_TAKEN],
-    )
+    return kinect_color if listing.content.is_raw else _own_lens(listing)
 
 
-def pose_name(number: str) -> str:
-    """Name of the file of a frame's pose."""
-    return f"frame-{number}.pose.txt"
+SEVEN_SCENES = FolderLayout(
+    name="7-scenes",
+    page="""7-Scenes: `frame-NNNNNN.color.png`, `.depth.png`, `.pose.txt` in one folder.
+
+Depth is 16-bit millimetres, 0 and 65535 where nothing was measured; poses are world_from_cam, 4x4, OpenCV
+camera axes. `camera-intrinsics.txt` (3x3) gives the intrinsics.
+
+Without that file, or where it has the numbers that 7-Scenes publishes (fx = fy = 585, cx = 320, cy = 240),
+the images are a Kinect's as they came from it: 585 is the depth camera, the poses are its own, and the colour
+camera stood 2.5 cm beside it. Its calibration was never published; those who work with 7-Scenes (DSAC*, ACE,
+the pseudo ground truth of Brachmann et al. 2021) take fx = 525 and the mount that LIRIS measured on another
+Kinect (https://projet.liris.cnrs.fr/voir/activities-dataset/kinect-calibration.html), and so does this
+reader. The scan's poses are then the colour camera's, and so must those of `--poses` be; the files read and
+written are the depth camera's. With other intrinsics, as 3DMatch exports of other datasets have them, depth
+is registered to colour, and there is one camera.
+""",
+    expects="frame-NNNNNN.color.png, .depth.png and .pose.txt",
+    checked=(
+        "the real red kitchen, every fourth of 1,000 frames",
+        "axes and units, and where the colour camera stands (benchmarks)",
+    ),
+    told_by=("|".join(FRAMES.color.patterns),),
+    frames=_frames,
+    lens=_color_lens,
+    depth_lens=lambda found: _own_lens(found) if found.content.is_raw else None,
+    color_from_depth=lambda found: COLOR_FROM_DEPTH if found.content.is_raw else None,
+    write=lambda refined: POSES.write(
+        replace(refined, poses=refined.poses @ refined.content.color_from_depth)
+    ),
+)
+
+TABLES = ("info.txt", "_info.txt")
+FOLDERS = ("", "data/")
+PREFIX = "m_calibration"
 
 
-def write_frame_poses(
-    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-) -> None:
-    """A file for each frame of these."""
-    for frame, pose in zip(frames, poses, strict=True):
-        write_pose(directory / pose_name(frame.frame_id), pose)
+@dataclass(frozen=True)
+class _Info:
+    """What `info.txt` says, by names; `where` begins messages."""
+
+    values: dict[str, str]
+    where: str
 
 
-def list_frames(source: FileSource, folder: str = "") -> tuple[list[Frame], list[str]]:
-    """Frames of a folder, which ends with a slash, by their numbers, with the recorded poses, and a line for
-    each that lacks colour or a pose."""
-    frames, skipped = [], []
-    names = source.names(folder)
-    for name in names:
-        match = _COLOR.match(name)
-        if match is None:
-            continue
-        number = match[1]
-        if not source.exists(folder + pose_name(number)):
-            skipped.append(f"frame {number}: {pose_name(number)} is missing")
-            continue
-        pose = read_pose(source, folder + pose_name(number))
-        ends = [end for end in DEPTH_ENDS if source.exists(f"{folder}frame-{number}{end}")]
-        depth = f"{folder}frame-{number}{(ends or DEPTH_ENDS)[0]}"
-        frames.append(Frame(number, float(number), pose, folder + name, depth))
-    colored = {match[1] for name in names if (match := _COLOR.match(name))}
-    others = {match[1] for name in names if (match := _OTHER.match(name))}
-    skipped += [f"frame {n}: frame-{n}.color.png is missing" for n in sorted(others - colored)]
-    return sorted(frames, key=lambda frame: frame.time), skipped
+def _folder(source: FileSource) -> str | None:
+    """Where frames lie; None where none do."""
+    return next((one for one in FOLDERS if FRAMES.color.listed(source, one)), None)
+
+
+def _table(source: FileSource) -> str:
+    """The first of `TABLES` that tells a camera; others of that name may lie beside any scan."""
+    found = (name for name in TABLES if source.exists(name))
+    return next((n for n in found if f"{PREFIX}ColorIntrinsic" in _text(source, n)), "")
+
+
+def _info_frames(source: FileSource, options: ScanOptions) -> Listing[_Info]:
+    table = _table(source)
+    info = _Info(_values(source, table), str(source.path / table))
+    listing = FRAMES(source, options, _folder(source) or "")
+    return replace(listing, content=info, tables=[table, *listing.tables])
+
+
+def _lens_of(listing: Listing[_Info], *kinds: str) -> LensOfFrame:
+    """By the first of some matrices that the table has."""
+    info = listing.content
+    kind = next((one for one in kinds if PREFIX + one in info.values), kinds[-1])
+    matrix = matrix_intrinsics(_matrix(info, kind), info.where)
+    return pinhole_lens(matrix, f"{info.where}, {PREFIX}{kinds[0]}")
+
+
+def _color_from_depth(listing: Listing[_Info]) -> Float[np.ndarray, "4 4"] | None:
+    info = listing.content
+    color, depth = (_extrinsics(info, kind) for kind in ("ColorExtrinsic", "DepthExtrinsic"))
+    return check_extrinsics(color, depth, f"{info.where}, {PREFIX}ColorExtrinsic")
+
+
+def _text(source: FileSource, name: str) -> str:
+    try:
+        return read_text(source, name)
+    except ScanError:
+        return ""  # no text: none of this format
+
+
+def _values(source: FileSource, table: str) -> dict[str, str]:
+    pairs = (line.partition("=") for line in read_text(source, table).splitlines())
+    return {name.strip(): value.strip() for name, _, value in pairs}
+
+
+def _extrinsics(info: _Info, name: str) -> Float[np.ndarray, "4 4"]:
+    if PREFIX + name not in info.values:
+        return np.eye(4)
+    matrix = _matrix(info, name)
+    check_pose(matrix, f"{info.where}, {PREFIX}{name}")
+    return matrix
+
+
+def _matrix(info: _Info, name: str) -> Float[np.ndarray, "4 4"]:
+    text = info.values.get(PREFIX + name, "")
+    try:
+        numbers = [float(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    # Twelve numbers are three rows of four, as some programs write them.
+    if len(numbers) not in (12, 16) or not np.isfinite(numbers).all():
+        raise ScanError(
+            f"{info.where}: expected 16 numbers after {PREFIX}{name} =, found '{shorten(text)}'; "
+            "export it again"
+        )
+    matrix = np.eye(4)
+    matrix[: len(numbers) // 4] = np.reshape(numbers, (-1, 4))
+    return matrix
+
+
+def _metres_per_unit(listing: Listing[_Info]) -> float:
+    info = listing.content
+    text = info.values.get("m_depthShift", "1000")
+    try:
+        units = float(text)
+    except ValueError:
+        units = np.nan
+    if not (np.isfinite(units) and units > 0):
+        raise ScanError(
+            f"{info.where}: expected stored units a metre after m_depthShift =, found '{shorten(text)}'; "
+            "say them with --depth-scale (metres of one stored unit)"
+        )
+    return 1 / units
+
+
+BUNDLEFUSION = FolderLayout(
+    name="bundlefusion",
+    page="""BundleFusion's folders of images, which 12-Scenes and 3RScan share: a `.sens` file unpacked.
+
+    SCAN/info.txt (or _info.txt)    `name = value` a line: m_depthShift (stored units a metre), and by row
+                                    m_calibrationColorIntrinsic, m_calibrationDepthIntrinsic (4x4 or 3x4), and
+                                    m_calibrationColorExtrinsic, m_calibrationDepthExtrinsic (4x4; optional)
+    SCAN/frame-NNNNNN.color.jpg (.png), .depth.png (.pgm), .pose.txt    here, or in data/ (12-Scenes)
+
+Depth is 16 bit; poses are world_from_cam, 4x4, OpenCV camera axes, minus infinity where tracking was lost.
+Extrinsics are those of `scannet`: depth of a camera of its own is registered to colour.
+""",
+    expects="info.txt (or _info.txt) with frame-NNNNNN.color.jpg, .depth.png and .pose.txt",
+    checked=(
+        "info.txt as six programs read or write it for BundleFusion, 12-Scenes and 3RScan. No real file",
+        "names, matrices, units of depth, PGM, what depth of a camera of its own is registered by",
+    ),
+    told_by=lambda source: _folder(source) is not None and _table(source) != "",
+    frames=_info_frames,
+    metres_per_unit=_metres_per_unit,
+    lens=lambda found: _lens_of(found, "ColorIntrinsic"),
+    depth_lens=lambda found: _lens_of(found, "DepthIntrinsic", "ColorIntrinsic"),
+    color_from_depth=_color_from_depth,
+    write=POSES.write,
+)

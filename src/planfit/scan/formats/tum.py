@@ -1,43 +1,22 @@
-"""The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
+"""The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system."""
 
-    SCAN/rgb.txt, depth.txt     `time filename`; without rgb.txt the scan is depth alone
-    SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes; without it,
-                                --poses FILE, a tracker's
-    SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
-
-Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
-file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
-which, else its default of the driver.
-"""
-
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.association import pair_times, poses_at
-from planfit.scan.images.files import ImageFiles
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
+from planfit.scan.images.lens import Lens, make_camera
+from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.pose_files import PoseTable, parse_poses, read_poses
-from planfit.scan.poses import write_tum
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.poses import pair_times, poses_at, write_tum
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import read_matrix, read_rows, shorten
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "rgb.txt, depth.txt and groundtruth.txt (depth alone without rgb.txt)"
-CHECKED = (
-    "real ground truth of fr2_desk and a trajectory of ORB-SLAM "
-    "(github.com/MichaelGrupp/evo, test/data)",
-    "columns and comments of trajectories",
-)
-"""Where the layout is known from, and what was checked with it."""
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
 NO_COLOR = "no rgb.txt: the scan is taken as depth alone; add it where there are colour images"
-METRES_PER_UNIT = 1 / 5000
 
 PUBLISHED: dict[str, tuple[float, ...]] = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3, 0.2624, -0.9531, -0.0054, 0.0026, 1.1633),
@@ -46,21 +25,10 @@ PUBLISHED: dict[str, tuple[float, ...]] = {
 }
 """fx fy cx cy k1 k2 p1 p2 k3 of the benchmark's three cameras; the images of the third are undistorted."""
 DEFAULT = (525.0, 525.0, 319.5, 239.5)
-PARTS = ("rgb.txt", "depth.txt", POSES)
 
 
-def recognise(source: FileSource) -> bool:
-    """Whether a folder has this layout; without `rgb.txt` it is depth alone, and a recording of one's own may
-    have a tracker's poses elsewhere."""
-    return source.exists("depth.txt") and (source.exists(POSES) or source.exists("rgb.txt"))
-
-
-def read(source: FileSource, options: ScanOptions) -> Recording:
-    """List a scan.
-
-    Raises:
-        ScanError: its files are missing, unreadable, or contradict each other.
-    """
+def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ...]]:
+    """Frames, and intrinsics and distortion of all of them."""
     depth_times, depth_names = _list(source, "depth.txt")
     has_color = source.exists("rgb.txt")
     color_times, color_names = _list(source, "rgb.txt") if has_color else (depth_times, depth_names)
@@ -94,30 +62,21 @@ def read(source: FileSource, options: ScanOptions) -> Recording:
         if ok
     ]
     intrinsics, warning = _intrinsics(source)
-
-    def lens(_: Frame, size: Size) -> Lens:
-        where = str(source.path / CALIBRATION)
-        return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
-
-    images = ImageFiles(source, options.depth_scale or METRES_PER_UNIT)
-    has_own = source.exists(CALIBRATION)
-    tables = [
-        *(["rgb.txt"] if has_color else []),
-        "depth.txt",
-        *([POSES] if source.exists(POSES) else []),
-        *([CALIBRATION] if has_own else []),
-    ]
-    return Recording(
-        format="tum",
-        path=source.path,
-        frames=frames,
-        images=images,
-        color_lens=lens,
-        write_poses=_write_poses,
-        fingerprint=images.fingerprint(tables, frames, options),
-        skipped=skipped,
-        warnings=[*warning, *([] if has_color else [NO_COLOR])],
+    listed = [("rgb.txt", has_color), ("depth.txt", True)]
+    listed += [(name, source.exists(name)) for name in (POSES, CALIBRATION)]
+    return Listing(
+        source,
+        frames,
+        intrinsics,
+        [name for name, is_there in listed if is_there],
+        skipped,
+        [*warning, *([] if has_color else [NO_COLOR])],
     )
+
+
+def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
+    intrinsics, where = listing.content, str(listing.source.path / CALIBRATION)
+    return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
 
 def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
@@ -137,10 +96,9 @@ def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
     return table
 
 
-def _write_poses(
-    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-) -> None:
-    write_tum(directory / POSES, np.array([frame.time for frame in frames]), poses)
+def _write(refined: Refined[tuple[float, ...]]) -> None:
+    times = np.array([frame.time for frame in refined.frames])
+    write_tum(refined.directory / POSES, times, refined.poses)
 
 
 def _list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
@@ -176,3 +134,33 @@ def _intrinsics(source: FileSource) -> tuple[tuple[float, ...], list[str]]:
         "no calibration.txt: the intrinsics are the default of the benchmark (fx 525), because no "
         "folder is named freiburg1, 2 or 3"
     ]
+
+
+TUM = FolderLayout(
+    name="tum",
+    page="""
+The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
+
+    SCAN/rgb.txt, depth.txt     `time filename`; without rgb.txt the scan is depth alone
+    SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes; without it,
+                                --poses FILE, a tracker's
+    SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
+
+Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
+file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
+which, else its default of the driver.
+""",
+    expects="rgb.txt, depth.txt and groundtruth.txt (depth alone without rgb.txt)",
+    checked=(
+        "real ground truth of fr2_desk and a trajectory of ORB-SLAM "
+        "(github.com/MichaelGrupp/evo, test/data)",
+        "columns and comments of trajectories",
+    ),
+    # Without rgb.txt it is depth alone, and a recording of one's own may have a tracker's poses elsewhere.
+    told_by=("depth.txt", f"{POSES}|rgb.txt"),
+    parts=("rgb.txt", "depth.txt", POSES),
+    frames=_frames,
+    metres_per_unit=1 / 5000,
+    lens=each_frame(_lens),
+    write=_write,
+)

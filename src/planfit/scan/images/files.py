@@ -12,10 +12,11 @@ from planfit.scan.images.decode import (
     decode_depth,
     decode_image,
     depth_from_metres,
+    exr_size,
     header_size,
     is_cut_off,
+    read_exr,
 )
-from planfit.scan.images.exr import exr_size, read_exr
 from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource, fingerprint
 

@@ -1,5 +1,6 @@
 """Frames of a video by number, decoded as they are asked for."""
 
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -11,6 +12,8 @@ import numpy as np
 from jaxtyping import Int, UInt8
 
 from planfit.errors import ScanError
+from planfit.scan.images.files import ImageFiles, whole_image_size
+from planfit.scan.recording import Frame, Size
 
 ALL_FRAMES = {"ignore_editlist": "1"}
 """Option of FFmpeg's mp4 reader. Phones write edit lists: Stray Scanner counts the first frame as -1, before
@@ -143,3 +146,18 @@ def _pyav() -> ModuleType:
             "videos: expected the library PyAV, found none; install planfit[video]"
         ) from error
     return av
+
+
+@dataclass(frozen=True, kw_only=True)
+class VideoImages(ImageFiles):
+    """Colour out of a video, by the number at the end of a frame's id; depth and confidence out of files."""
+
+    video: Video
+
+    def sizes(self, frame: Frame) -> tuple[Size, Size]:
+        """Of the video, and of the depth from its header."""
+        return (self.video.width, self.video.height), whole_image_size(self.source, frame.depth)
+
+    def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
+        """Colour image, RGB."""
+        return self.video.frame(int(re.findall(r"\d+", frame.frame_id)[-1]))

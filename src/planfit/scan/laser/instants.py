@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from planfit.errors import ScanError
-from planfit.scan.laser.points import CloudFile
+from planfit.scan.laser.cloud import CloudFile
 from planfit.scan.laser.trajectory import Trajectory
 
 FAR_M = 40.0

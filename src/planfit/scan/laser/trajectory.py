@@ -22,8 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.association import poses_at
-from planfit.scan.poses import MAX_ENTRY
+from planfit.scan.poses import MAX_ENTRY, poses_at
 from planfit.scan.tables import shorten
 
 MAX_GAP_S = 0.2

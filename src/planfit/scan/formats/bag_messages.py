@@ -17,8 +17,7 @@ from planfit.scan.images.decode import (
     depth_from_metres,
     depth_from_raw,
 )
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
+from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.recording import Size
 
 # Bytes a channel, channels, and the conversion to RGB.

@@ -1,12 +1,18 @@
-"""What RTAB-Map stores as bytes: cameras, poses, compressed matrices.
+"""A database of RTAB-Map as files, `image/7` and `depth/7` blobs of node 7, and what is in its blobs.
 
 Layouts: CameraModel::serialize, compressData and compressImage of github.com/introlab/rtabmap (0.18 to 0.23).
 """
 
+import sqlite3
 import struct
+import weakref
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -20,7 +26,109 @@ from planfit.scan.images.decode import (
     depth_from_raw,
     header_size,
 )
-from planfit.scan.intrinsics import MAX_SIZE_PX
+from planfit.scan.images.lens import MAX_SIZE_PX
+from planfit.scan.source import MAX_ENTRY_BYTES, PackedSource, fingerprint_of_file
+from planfit.scan.tables import shorten
+
+FOLDERS = ("image", "depth", "calibration")
+"""Columns of the table Data that are read."""
+
+
+class DatabaseSource(PackedSource):
+    """Blobs of the table Data, by name; safe to use from several threads."""
+
+    kind = "database"
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = Lock()
+        try:
+            self._connection = sqlite3.connect(
+                f"{path.resolve().as_uri()}?mode=ro", uri=True, check_same_thread=False
+            )
+        except sqlite3.Error as error:
+            raise ScanError(f"{path}: expected a database, cannot be opened ({error})") from error
+        weakref.finalize(self, self._connection.close)
+
+    def rows(self, query: str) -> list[tuple]:
+        """What a query finds.
+
+        Raises:
+            ScanError: a table or column is missing, or the file is damaged.
+        """
+        with self._reading():
+            return self._connection.execute(query).fetchall()
+
+    def columns(self, table: str) -> list[str]:
+        """Names of a table's columns; none where it is not there."""
+        return [str(row[1]) for row in self.rows(f"PRAGMA table_info({table})")]
+
+    def copy_to(self, path: Path) -> sqlite3.Connection:
+        """A copy that can be changed, open."""
+        path.unlink(missing_ok=True)
+        copy = sqlite3.connect(path)
+        with self._reading():
+            self._connection.backup(copy)
+        return copy
+
+    def names(self, folder: str = "") -> list[str]:
+        """See `FileSource`: numbers of the nodes that have the blob."""
+        return sorted(self._lengths.get(folder, {}), key=int)
+
+    def folders(self) -> list[str]:
+        """See `FileSource`."""
+        return sorted(FOLDERS)
+
+    def exists(self, name: str) -> bool:
+        """See `FileSource`."""
+        folder, _, number = name.partition("/")
+        return number in self._lengths.get(folder, {})
+
+    def stamp(self, name: str) -> str:
+        """See `FileSource`: that of the whole file."""
+        return f"{self.n_bytes(name)} {self._stamp}"
+
+    @cached_property
+    def _stamp(self) -> str:
+        return fingerprint_of_file(self.path)
+
+    @cached_property
+    def _lengths(self) -> dict[str, dict[str, int]]:
+        found = {}
+        for folder in FOLDERS:
+            query = f"SELECT id, length({folder}) FROM Data WHERE length({folder}) > 0"
+            found[folder] = {str(number): int(length) for number, length in self.rows(query)}
+        return found
+
+    def n_bytes(self, name: str) -> int:
+        """See `PackedSource`."""
+        folder, _, number = name.partition("/")
+        length = self._lengths.get(folder, {}).get(number)
+        if length is None or length > MAX_ENTRY_BYTES:
+            raise ScanError(f"{self.path}: expected {name}, found {length or 'no'} bytes")
+        return length
+
+    def part(self, name: str, begin: int, count: int) -> bytes:
+        """See `PackedSource`."""
+        folder, _, number = name.partition("/")
+        with (
+            self._reading(),
+            self._connection.blobopen("Data", folder, int(number), readonly=True) as blob,
+        ):
+            blob.seek(begin)
+            return blob.read(count)
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        try:
+            with self._lock:
+                yield
+        except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
+            raise ScanError(
+                f"{self.path}: expected a database of RTAB-Map, found one that cannot be read "
+                f"({shorten(error)}); copy it again, or run rtabmap-recovery"
+            ) from error
+
 
 N_POSE = 12
 """Numbers of a pose, 3x4 by row."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.association import poses_at
+from planfit.scan.poses import poses_at
 
 
 @dataclass

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from planfit.errors import ScanError
-from planfit.scan.options import ScanOptions
+from planfit.scan.types import ScanOptions
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 IMAGE_TYPES = (IMAGE, COMPRESSED)

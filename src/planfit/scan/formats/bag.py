@@ -11,19 +11,17 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError, each_told_as, told_as
-from planfit.scan.association import pair_times
-from planfit.scan.formats.bag.messages import camera_info_lens, color_of_message, depth_of_message
-from planfit.scan.formats.bag.poses import Transforms, fixed_transform, poses_of_bag, read_tf
-from planfit.scan.formats.bag.topics import IMAGE_TYPES, Topics, choose_topics
+from planfit.scan.formats.bag_messages import camera_info_lens, color_of_message, depth_of_message
+from planfit.scan.formats.bag_poses import Transforms, fixed_transform, poses_of_bag, read_tf
+from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics
 from planfit.scan.images.lens import Lens
-from planfit.scan.options import ScanOptions
-from planfit.scan.poses import write_tum
-from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.layout import WholeFile
+from planfit.scan.poses import pair_times, write_tum
+from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml"
 EXPECTED = "a bag"
-SUFFIXES = (".bag", ".mcap", ".db3")
 
 
 @dataclass(frozen=True)
@@ -33,18 +31,11 @@ class BagSource:
     path: Path
 
 
-def is_bag(path: Path) -> bool:
-    """Whether this is a bag, by its name or by what lies in the folder."""
-    if path.is_dir():
-        return (path / "metadata.yaml").is_file() and any(
-            item.suffix in (".db3", ".mcap", ".zstd") for item in path.iterdir()
-        )
-    return path.suffix.lower() in SUFFIXES
-
-
-def recognise(source: BagSource) -> bool:
-    """Whether this is a bag."""
-    return is_bag(source.path)
+def _is_bag_folder(path: Path) -> bool:
+    """Whether ROS 2 recorded into a folder."""
+    return (path / "metadata.yaml").is_file() and any(
+        item.suffix in (".db3", ".mcap", ".zstd") for item in path.iterdir()
+    )
 
 
 @dataclass(frozen=True)
@@ -78,7 +69,7 @@ class Listing:
         return np.array([stamp.time for stamp in self.depths])
 
 
-class BagImages:
+class BagImages(StoredImages):
     """`StoredImages` of a bag, looked up by the time they were logged; safe to use from several threads.
 
     A frame's colour and depth are named by the numbers of their messages in the listing.
@@ -92,17 +83,9 @@ class BagImages:
         self._lock = Lock()
         weakref.finalize(self, reader.close)
 
-    def missing(self, frame: Frame) -> str:  # noqa: ARG002
-        """Nothing: only messages are listed that are there."""
-        return ""
-
     def sizes(self, frame: Frame) -> tuple[Size, Size]:  # noqa: ARG002
         """Of the first images: the sizes of the others are checked when they are decoded."""
         return self._sizes
-
-    def warnings(self, frames: Sequence[Frame]) -> list[str]:  # noqa: ARG002
-        """None."""
-        return []
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""
@@ -331,3 +314,26 @@ def _fingerprint(path: Path, options: ScanOptions) -> str:
         folder = FolderSource(path)
         return fingerprint(folder, folder.names(), options)
     return fingerprint(FolderSource(path.parent), [path.name], options)
+
+
+BAG = WholeFile(
+    name="bag",
+    page="""ROS 1 and 2 bags and MCAP files, by the library rosbags (planfit[bag]).
+
+Topics are named by the options, or guessed: colour and depth images (raw, compressed or compressedDepth),
+the colour camera's CameraInfo, and poses from tf (the chain from the camera's frame up), else from
+PoseStamped, Odometry, TransformStamped or the last Path. Times are those of the messages' headers. Depth
+that is not registered to colour is, by the static tf between the two cameras. Refined poses are written as
+`trajectory.tum`, world_from_cam: a bag is not rewritten.
+""",
+    expects="a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml",
+    checked=(
+        "ROS 1, ROS 2 and MCAP files of evo's tests, without images; names of librealsense's "
+        "recorder; compressed_depth_image_transport's codes",
+        "tf of the real files; images of all codes by bags that rosbags writes",
+    ),
+    suffixes=(".bag", ".mcap", ".db3"),
+    claims_folder=_is_bag_folder,
+    open=BagSource,
+    read=read,
+)

@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.formats.rtabmap.blobs import (
+from planfit.scan.formats.rtabmap_source import (
     N_POSE,
+    DatabaseSource,
     StoredCamera,
     decode_stored_depth,
     depth_size,
@@ -20,15 +21,13 @@ from planfit.scan.formats.rtabmap.blobs import (
     parse_matrix,
     parse_pose,
 )
-from planfit.scan.formats.rtabmap.source import DatabaseSource
 from planfit.scan.images.files import ImageFiles, whole_image_size
-from planfit.scan.images.lens import Lens
-from planfit.scan.intrinsics import make_camera
-from planfit.scan.options import ScanOptions
+from planfit.scan.images.lens import Lens, make_camera
+from planfit.scan.layout import WholeFile
 from planfit.scan.poses import check_recorded_pose, is_lost
 from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.types import ScanOptions
 
-EXPECTS = "a .db file of RTAB-Map with images and depth"
 STALE = (
     "opt_cloud", "opt_polygons_size", "opt_polygons", "opt_tex_coords", "opt_tex_materials", "opt_map",
     "opt_last_localization",
@@ -69,13 +68,6 @@ class NodeImages(ImageFiles):
         path = self.source.path / frame.depth
         depth = decode_stored_depth(self.source.read(frame.depth), self.metres_per_unit, path)
         return np.ascontiguousarray(depth[:, : depth.shape[1] // self.n_cameras])
-
-
-def recognise(source: object) -> bool:
-    """Whether this is a database of RTAB-Map."""
-    return isinstance(source, DatabaseSource) and {"Node", "Data"} <= {
-        name for (name,) in source.rows("SELECT name FROM sqlite_master WHERE type = 'table'")
-    }
 
 
 def read(source: DatabaseSource, options: ScanOptions) -> Recording:
@@ -270,3 +262,32 @@ def _write(source: DatabaseSource, path: Path, poses: dict[int, Float[np.ndarray
         )
     copy.commit()
     copy.close()
+
+
+RTABMAP = WholeFile(
+    name="rtabmap",
+    page="""RTAB-Map's database: RGB-D nodes of a map, from its apps, from ROS, or from `rtabmap-reprocess`.
+
+    MAP.db     sqlite. Node: id, map_id, stamp (s), pose (3x4 float32, by row: odom_from_base)
+               Data: image (JPEG or PNG), depth (PNG of 16-bit millimetres, PNG of float32 metres in four
+               channels, DEPTHRVL, DEPTHINV), calibration (size, K, P, base_from_camera with OpenCV axes)
+               Admin: opt_ids, opt_poses (zlib): poses after loops were closed
+
+Optimised poses are taken where the database has them; nodes between them, which are not optimised, follow
+the last optimised one as odometry says. Without, odometry is taken, of the session with most nodes: sessions
+that no loop joins have a world each. As in RTAB-Map, images are taken as rectified, and as P shows them where
+there is one. Of several cameras the first is read; stereo is refused, for it has no depth. Whether the world
+is level is not told. Refined poses are written as the optimised ones of a copy, in which clouds, meshes and
+grids of the old poses are dropped.
+""",
+    expects="a .db file of RTAB-Map with images and depth",
+    checked=(
+        "RTAB-Map's CameraModel.cpp, Compression.cpp and schema "
+        "(github.com/introlab/rtabmap); a real database of 411 nodes, without images",
+        "pose and calibration blobs, every code of depth, times, tables; its images were put "
+        "in by the test",
+    ),
+    magic=b"SQLite format 3\0",
+    open=DatabaseSource,
+    read=read,
+)
