@@ -1,25 +1,16 @@
-"""From words to arguments: how the parser reads flags, presets and files of options."""
+"""Groups of flags that several commands take: how to read the plan, what is known of the alignment."""
 
-import contextlib
-import dataclasses
-import io
 import math
 import re
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from planfit.cli.config import read_options
-from planfit.cli.flags import group_of
-from planfit.cli.usage import wrong_words
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
-from planfit.runtime import choices_of, member_of
 
 if TYPE_CHECKING:
     from planfit.pipeline.options import RefineOptions
@@ -118,80 +109,3 @@ class AlignmentFlags:
             control_points=options.align.control_points + points,
         )
         return replace(options, align=chosen)
-
-
-def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
-    """Arguments of a command; those of --preset and of the TOML file of --config come before the flags.
-
-    Args:
-        arguments_type: dataclass, or a union of dataclasses: commands of a command.
-        prog: what stands before the arguments, for messages.
-        argv: words of the command line.
-
-    Raises:
-        SystemExit: help was asked for, and printed.
-        OptionError: the words are not what the command takes; or the file of options is missing, or has an
-            option that is unknown or cannot work.
-    """
-    default = None
-    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
-    fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
-    preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
-    if "config" in fields and (preset_name or config):
-        from planfit.pipeline.presets import preset  # commands without presets need no pipeline
-
-        options = preset(preset_name or "default")
-        if config:
-            options = read_options(Path(config), options)
-        required = {
-            key: tyro.MISSING
-            for key, field in fields.items()
-            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        }
-        default = arguments_type(**required, options=options)
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            return tyro.cli(
-                arguments_type,
-                prog=prog,
-                args=argv,
-                default=tyro.MISSING_NONPROP if default is None else default,
-                use_underscores=False,
-                registry=_registry(),
-            )
-    except SystemExit as stop:
-        if not stop.code:  # help was printed
-            raise
-    group = group_of(cast("type", arguments_type)) if is_plain else None
-    raise wrong_words(prog, group, argv, said.getvalue())
-
-
-def _registry() -> ConstructorRegistry:
-    """Named choices, such as losses: shown in lower case, as the TOML files write them; any case is taken."""
-    rules = ConstructorRegistry()
-    rules.primitive_rule(_rule)
-    return rules
-
-
-def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
-    kind = info.type
-    if not (isinstance(kind, type) and issubclass(kind, Enum)):
-        return None
-    # Not as tyro's own choices: those are compared letter by letter.
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="{" + ",".join(choices_of(kind)) + "}",
-        instance_from_str=lambda words: member_of(kind, words[0]),
-        is_instance=lambda value: isinstance(value, kind),
-        str_from_instance=lambda member: [member.name.lower()],
-    )
-
-
-def _value_of(argv: list[str], flag: str) -> str | None:
-    for i, word in enumerate(argv):
-        if word == flag and i + 1 < len(argv):
-            return argv[i + 1]
-        if word.startswith(f"{flag}="):
-            return word.removeprefix(f"{flag}=")
-    return None

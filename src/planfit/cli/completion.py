@@ -58,15 +58,14 @@ class CompletionArguments:
             OptionError: they name no shell that is known, or more than one.
         """
         known: tuple[Shell, ...] = get_args(Shell)
-        for shell in known:
-            if [*words] == [shell]:
-                return CompletionArguments(shell)
-        meant = did_you_mean(words[0], known) if len(words) == 1 else ""
-        step = meant or "write it as 'planfit completion bash'"
-        raise OptionError(
-            f"completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
-            f"{' '.join(words) or 'nothing'}; {step}"
-        )
+        shells = [shell for shell in known if [*words] == [shell]]
+        if not shells:
+            step = did_you_mean(" ".join(words), known) or "write it as 'planfit completion bash'"
+            raise OptionError(
+                f"completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
+                f"{' '.join(words) or 'nothing'}; {step}"
+            )
+        return CompletionArguments(shells[0])
 
 
 def completion_command(arguments: CompletionArguments) -> int:

@@ -4,6 +4,7 @@ It starts where libraries are missing or broken: nothing but the standard librar
 needs it, and each check says what it came across.
 """
 
+import argparse
 import json
 import os
 import platform
@@ -17,10 +18,9 @@ from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distributions, requires, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from planfit import __version__
-from planfit.cli.known_flags import looks_like_flag
 from planfit.errors import OptionError, PlanfitError, printable
 
 EXTRAS = {
@@ -66,32 +66,20 @@ class DoctorArguments:
         Raises:
             OptionError: a flag has no value behind it, or a word belongs to none.
         """
-        switches, paths, waiting = {"json": False, "compile": False}, {}, iter(words)
-        for word in waiting:
-            name, _, value = word.partition("=")
-            switch = name.removeprefix("--no-").removeprefix("--")
-            if switch in switches and not value and "=" not in word:
-                switches[switch] = not name.startswith("--no-")
-            elif switch in switches:
-                raise OptionError(
-                    f"{name}: expected no value behind it, found {value!r}; give {name} alone"
-                )
-            elif name in ("--folder", "--cache"):
-                path = value or next(waiting, "")
-                if not path or looks_like_flag(path):
-                    raise OptionError(
-                        f"{name}: expected a folder behind it, found {path or 'nothing'}; write it as "
-                        f"{name} DIR"
-                    )
-                paths[name] = path
-            else:
-                raise OptionError(
-                    f"doctor: expected options alone, found {word!r} besides; "
-                    "'planfit doctor --help' tells more"
-                )
-        cache = Path(paths["--cache"]) if "--cache" in paths else None
-        folder = Path(paths.get("--folder", "."))
-        return DoctorArguments(switches["json"], folder, cache, switches["compile"])
+        parser = _Parser("planfit doctor", allow_abbrev=False)
+        for switch in ("--json", "--compile"):
+            parser.add_argument(switch, action=argparse.BooleanOptionalAction, default=False)
+        parser.add_argument("--folder", type=Path, default=Path())
+        parser.add_argument("--cache", type=Path)
+        return DoctorArguments(**vars(parser.parse_args(words)))
+
+
+class _Parser(argparse.ArgumentParser):
+    """Python's own, as others may be missing."""
+
+    def error(self, message: str) -> NoReturn:
+        """Instead of usage and exit."""
+        raise OptionError(f"doctor: {message}; 'planfit doctor --help' tells more")
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
-from planfit.cli.config import scan_options_of
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.export.option_files import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.by_hand import corrected_plan
@@ -137,7 +137,7 @@ def read_record(folder: Path) -> RunRecord:
             plan_from_world_before=_finite(record["plan_from_world_before"], 4, 4),
             convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
             options=replace(options, poses_convention=RECORDED),
-            scan_options=scan_options_of(record, where),
+            scan_options=_scan_options(record, where),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
             corrections=_corrections(record, where),
         )
@@ -145,6 +145,25 @@ def read_record(folder: Path) -> RunRecord:
         raise ScanError(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
+        ) from error
+
+
+def _scan_options(record: dict[str, Any], where: str) -> ScanOptions:
+    """How the run read its scan.
+
+    Raises:
+        ScanError: the record is of another version; the message begins with `where`.
+    """
+    values = dict(record.get("scan_options") or {})
+    for name in FILES_OF_SCAN:
+        if values.get(name):
+            values[name] = Path(values[name])
+    try:
+        return ScanOptions(**values)
+    except TypeError as error:
+        raise ScanError(
+            f"{where}expected scan_options of this version of planfit, found others ({error}); "
+            "run planfit refine again"
         ) from error
 
 
