@@ -231,7 +231,7 @@ def _known(flag: Flag) -> KnownFlag:
         return KnownFlag("file")
     if flag.path[-1] == "preset":
         return KnownFlag("one", tuple(PRESETS))
-    kind: Literal["several", "one"] = "several" if flag.is_repeated else "one"
+    kind = "several" if flag.is_repeated else "one"
     if isinstance(flag.type, type) and issubclass(flag.type, Enum):
         return KnownFlag(kind, tuple(member.name.lower() for member in flag.type))
     kinds = (flag.type, *typing.get_args(flag.type))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from planfit import __version__
 from planfit.cli.speech import NAMES
@@ -28,8 +28,9 @@ _HELP = ("-h", "--help", "--help-all")
 class KnownFlag:
     """A name of a flag, or a word that chooses one of several kinds, as a command's list has it."""
 
-    kind: Literal["switch", "file", "several", "one", "word"]
-    """What it takes: nothing; a path; values that take the flag once each; another value. Or a `word`."""
+    kind: str
+    """What it takes: nothing, for a `switch`; a path, `file`; `several` values, each behind the flag again;
+    another value, `one`. Else it is a `word`."""
     choices: tuple[str, ...] = ()
     """The values, where these can be listed."""
 
@@ -118,8 +119,8 @@ def plain_name(word: str) -> str:
 
 def off_name(name: str) -> str:
     """The flag that switches off what another switches on: `--adjust.walls.no-mutual`."""
-    prefix, own = re.fullmatch(r"(--(?:.*\.)?)(.*)", name).groups()
-    return f"{prefix}no-{own}"
+    begin = name.rfind(".") + 1 or len("--")
+    return f"{name[:begin]}no-{name[begin:]}"
 
 
 COMMANDS = (

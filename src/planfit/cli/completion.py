@@ -58,7 +58,7 @@ class CompletionArguments:
             OptionError: they name no shell that is known, or more than one.
         """
         known: tuple[Shell, ...] = get_args(Shell)
-        shells = [shell for shell in known if [*words] == [shell]]
+        shells: list[Shell] = [shell for shell in known if [*words] == [shell]]
         if not shells:
             step = did_you_mean(" ".join(words), known) or "write it as 'planfit completion bash'"
             raise OptionError(

@@ -9,8 +9,7 @@ import numpy as np
 import tyro
 from jaxtyping import Integer
 
-from planfit.cli.console import StageBars, out, table, tell_scan
-from planfit.errors import OutputError
+from planfit.cli.console import StageBars, check_suffix, out, table, tell_scan
 from planfit.report.plots.scan_view import draw_scan_view
 from planfit.runtime import Runtime, write_whole
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -40,11 +39,8 @@ class InspectArguments:
 
 def inspect_command(arguments: InspectArguments) -> int:
     """Read, measure, print, draw."""
-    if arguments.out is not None and arguments.out.suffix.lower() != ".png":
-        raise OutputError(
-            f"{arguments.out}: expected a file of .png, found "
-            f"{arguments.out.suffix or 'no suffix'}; choose another name"
-        )
+    if arguments.out is not None:
+        check_suffix(arguments.out, (".png",))
     scan = read_scan(arguments.scan, options=arguments.scan_options)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, None, bars.update)

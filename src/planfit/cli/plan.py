@@ -10,7 +10,7 @@ import tyro
 from jaxtyping import Float
 
 from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import note, out, table
+from planfit.cli.console import check_suffix, note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
@@ -65,12 +65,8 @@ def plan_command(arguments: PlanArguments) -> int:
     """Read, print, write."""
     writer = None
     if arguments.out is not None:
-        writer = WRITERS.get(arguments.out.suffix.lower())
-        if writer is None:
-            raise OutputError(
-                f"{arguments.out}: expected a file of {', '.join(WRITERS)}, found "
-                f"{arguments.out.suffix or 'no suffix'}; choose one of these"
-            )
+        check_suffix(arguments.out, WRITERS)
+        writer = WRITERS[arguments.out.suffix.lower()]
         if arguments.out.resolve() == arguments.plan.resolve():
             raise OutputError(
                 f"{arguments.out}: expected another file than the plan itself; choose another name"

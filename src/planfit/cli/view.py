@@ -17,10 +17,10 @@ from planfit.cli.survey import SurveyFlags
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.pipeline.options import RefineOptions
 from planfit.report.options import ReportOptions
 from planfit.runtime import options_of
 from planfit.runtime.run_folder import finished_record
+from planfit.saving import RunInputs
 from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer
 
@@ -107,18 +107,20 @@ def open_session(arguments: ViewArguments) -> Session:
     def solve(corrections: Corrections) -> None:
         # As the run was made, surveyed points and report included: only corrections are to tell.
         flags = SurveyFlags.of_record(written["inputs"])
+        chosen = options
+        if corrections.places:
+            # Places say which alignment is meant; the number of one counts among those found without them.
+            chosen = replace(options, align=replace(options.align, candidate=1))
+        inputs = RunInputs(
+            scan, floorplan, chosen, record.scan_options, Path(cache) if cache else None, report,
+            flags.inputs,
+        )  # fmt: skip
         refine_into(
             folder,
-            scan,
-            floorplan,
-            _placed_by_hand(options) if corrections.places else options,
+            inputs,
             arguments.workers,
             # The scan may have been moved; the folder is that of this run.
             overwrite=True,
-            scan_options=record.scan_options,
-            more_inputs=flags.inputs,
-            report_options=report,
-            cache=Path(cache) if cache else None,
             survey=flags.read(scan, floorplan is not None),
             by_hand=HandChoice(corrections, arguments.without_contradicted),
         )
@@ -133,11 +135,6 @@ def _given(record: RunRecord, written: dict[str, Any]) -> Corrections:
     if not told or Path(told["file"]).resolve() == (record.folder / FILE).resolve():
         return NO_CORRECTIONS
     return Corrections(told["file"], record.corrections.entries)
-
-
-def _placed_by_hand(options: RefineOptions) -> RefineOptions:
-    """Places say which alignment is meant; the number of one counts among those of a search without them."""
-    return replace(options, align=replace(options.align, candidate=1))
 
 
 def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floorplan | None:
