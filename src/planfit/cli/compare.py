@@ -1,21 +1,18 @@
 """`planfit compare`: two runs, or a run and other poses: where they differ, and which is better."""
 
 import json
-import os
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-import tyro
 
-from planfit.cli.arguments import PlanFlags
-from planfit.cli.compare_inputs import Given, Pair, read_pair
+from planfit.cli.compare_inputs import CompareArguments as CompareArguments
+from planfit.cli.compare_inputs import Pair, read_pair
 from planfit.cli.console import StageBars, note, out, table
 from planfit.cli.run_record import cache_of
 from planfit.errors import OutputError, require
-from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
+from planfit.evaluation import Comparison, compare
 from planfit.export.cloud import place_cloud, sample_cloud
 from planfit.report.comparison_words import conclusion, local_in_words, whole_in_words
 from planfit.report.html.comparison_page import Compared, make_comparison
@@ -24,39 +21,6 @@ from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime, made_folder, write_whole
 
 PAGE, RECORD = "comparison.html", "comparison.json"
-
-
-@dataclass(frozen=True)
-class CompareArguments:
-    """Compare two runs over one scan, or a run and other poses: where they differ, and which of the two the
-    evidence prefers. Without a second run and --poses, a run is compared with the poses as recorded."""
-
-    a: tyro.conf.Positional[Path]
-    """Output folder of `planfit refine`: A."""
-    b: tyro.conf.Positional[Path | None] = None
-    """Another, over the same scan: B."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
-    """Folder for comparison.html, with pictures, and comparison.json."""
-    poses: Path | None = None
-    """Poses for B: TUM, KITTI, Open3D log."""
-    poses_frame: Literal["world", "plan"] = "world"
-    """Axes of --poses: `world`, the scan's own, or `plan`."""
-    max_time_gap_s: float = 0.02
-    """A frame takes the poses of --poses around it in time if both are within this of it."""
-    scan: Path | None = None
-    """Scan of the runs, where it was moved since."""
-    plan: Path | None = None
-    """Floorplan of A, where it was moved since."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    json: bool = False
-    """Print JSON instead of a table."""
-    overwrite: bool = False
-    """Replace an earlier comparison in the output folder."""
-    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Threads."""
-    options: Annotated[CompareOptions, tyro.conf.arg(name="")] = field(
-        default_factory=CompareOptions
-    )
 
 
 def compare_command(arguments: CompareArguments) -> int:
@@ -68,14 +32,10 @@ def compare_command(arguments: CompareArguments) -> int:
     folder = arguments.out
     if folder is not None:
         _check_free(folder, arguments.overwrite)
-    given = Given(
-        arguments.b, arguments.poses, arguments.poses_frame, arguments.max_time_gap_s, arguments.scan,
-        arguments.plan, arguments.plan_flags.options,
-    )  # fmt: skip
     made = nullcontext() if folder is None else made_folder(folder)
     with made, StageBars() as bars:
         runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
-        pair = read_pair(arguments.a, given, runtime)
+        pair = read_pair(arguments, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
         record = to_record(str(arguments.a), pair, comparison)
         if folder is not None:
@@ -104,7 +64,17 @@ def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]
         "is_aligned": differences.is_aligned,
         "preferred": comparison.preferred,
         "conclusion": " ".join(conclusion(comparison).split()),
-        "witnesses": [_witness(w) for w in comparison.witnesses],
+        "witnesses": [
+            {
+                "name": witness.name,
+                "metric": witness.deciding.name,
+                "unit": witness.deciding.unit,
+                "a": witness.deciding.before,
+                "b": witness.deciding.after,
+                "prefers": witness.prefers,
+            }
+            for witness in comparison.witnesses
+        ],
         "difference": {
             "rms_m": differences.rms_m,
             "max_m": float(differences.distance_m.max()),
@@ -127,33 +97,21 @@ def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]
             }
             for local in comparison.stretches
         ],
-        "metrics": {name: _metric(metric) for name, metric in comparison.metrics.items()},
+        "metrics": {
+            name: {
+                "meaning": metric.meaning.strip(),
+                "unit": metric.unit,
+                "a": _finite(metric.before),
+                "b": _finite(metric.after),
+            }
+            for name, metric in comparison.metrics.items()
+        },
         "by_frame": {
             "frame": list(pair.scan.frame_ids),
             "distance_m": [round(v, 6) for v in differences.distance_m.tolist()],
             "angle_deg": [round(v, 5) for v in differences.angle_deg.tolist()],
         },
         "notes": [*pair.notes, *comparison.notes],
-    }
-
-
-def _witness(witness: Witness) -> dict[str, Any]:
-    return {
-        "name": witness.name,
-        "metric": witness.deciding.name,
-        "unit": witness.deciding.unit,
-        "a": witness.deciding.before,
-        "b": witness.deciding.after,
-        "prefers": witness.prefers,
-    }
-
-
-def _metric(metric: Metric) -> dict[str, Any]:
-    return {
-        "meaning": metric.meaning.strip(),
-        "unit": metric.unit,
-        "a": _finite(metric.before),
-        "b": _finite(metric.after),
     }
 
 

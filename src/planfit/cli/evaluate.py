@@ -15,12 +15,13 @@ from planfit.cli.arguments import PlanFlags
 from planfit.cli.console import StageBars, note, out, table
 from planfit.cli.evaluate_inputs import (
     Compared,
-    read_poses,
-    read_run,
+    compare_poses,
+    compare_run,
+    poses_of,
     run_source,
     scan_source,
 )
-from planfit.cli.run_record import cache_of
+from planfit.cli.run_record import cache_of, read_record
 from planfit.errors import require
 from planfit.evaluation import (
     ComparedPoses,
@@ -134,21 +135,22 @@ def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, 
             f"{folder}: expected no flags of how a scan is read, as that of a run is read as the "
             "run did, found some; leave them out, or give --poses and a scan",
         )
-    if poses is None:
-        return read_run(folder, arguments.scan, arguments.plan, plan_options, runtime), runtime
-    if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
+    if poses is not None and arguments.poses_frame == "plan" and arguments.truth_frame == "world":
         require(
             arguments.truth is None and arguments.true_cloud is None,
             "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
             "scan's own axes are; give the truth in the plan's frame too",
         )
-    if is_run:
-        gap_s = scan_options.max_time_gap_s
-        source = run_source(folder, arguments.scan, arguments.plan, plan_options, gap_s)
+    if poses is None or is_run:
+        record = read_record(folder)
+        source = run_source(record, arguments.scan, arguments.plan, plan_options)
+        if poses is None:
+            return compare_run(record, source, runtime), runtime
     else:
         as_recorded = dataclasses.replace(scan_options, poses=None)
         source = scan_source(folder, as_recorded, arguments.plan, plan_options)
-    return read_poses(source, poses, arguments.poses_frame, runtime), runtime
+    given = poses_of(source.scan, poses, scan_options.max_time_gap_s)
+    return compare_poses(source, given, arguments.poses_frame, runtime), runtime
 
 
 def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:

@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from planfit.adjust.calibration import corrected_structure
 from planfit.alignment import align, metric_plan
-from planfit.cli.run_record import read_present_scan, read_record
+from planfit.cli.run_record import RunRecord, read_present_scan
 from planfit.errors import FloorplanError, ScanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry import se3
@@ -19,13 +19,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 from planfit.scan.pose_files import take_poses
-from planfit.segmentation import (
-    SegmentationOptions,
-    Structure,
-    find_gravity,
-    level_from_world,
-    segment_scan,
-)
+from planfit.segmentation import Structure, find_gravity, level_from_world, segment_scan
 
 
 @dataclass(frozen=True)
@@ -43,52 +37,28 @@ class Compared:
     notes: tuple[str, ...] = field(default=())
 
 
-def read_run(
-    folder: Path,
-    scan_path: Path | None,
-    plan_path: Path | None,
-    plan: PlanOptions,
-    runtime: Runtime,
-) -> Compared:
-    """Poses of a run of `planfit refine`, before and after.
-
-    Args:
-        folder: the output folder of the run.
-        scan_path: where the scan is now, if it was moved.
-        plan_path: where the plan is now, if it was moved.
-        plan: how to read it; as in the run.
-        runtime: its cache is the run's.
-
-    Raises:
-        ScanError: the folder is not that of a run, or the scan is another.
-        FloorplanError: the plan is another.
-    """
-    record = read_record(folder)
-    scan = record.as_read(scan_path)
-    floorplan = record.floorplan(plan, plan_path)
-    _, after = record.poses()
-    _, structure = _structure(scan, record.sensor, record.options.segmentation, runtime)
-    return Compared(
-        calibrated_scan(scan, record.sensor),
-        floorplan,
-        structure,
-        (scan.world_from_cams, record.world_from_plan @ after),
-        (record.plan_from_world_before @ scan.world_from_cams, after),
-    )
-
-
 @dataclass(frozen=True)
 class PosesSource:
-    """What poses of a file are of: a scan, and the plan to hold them to."""
+    """What poses are of: a scan, and the plan to hold them to."""
 
     scan: Scan
+    """As it was read, before its sensor is corrected."""
     floorplan: Floorplan | None
     """As drawn, or in metres at the scale of a run."""
     options: RefineOptions
-    max_time_gap_s: float
-    """A frame takes the poses around it in time if both are within this of it."""
     sensor: SensorCalibration = NOMINAL
-    """How the run corrected the sensor; the scan here is as it was read."""
+    """How the run corrected the sensor."""
+
+    def structure(self, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
+        """level_from_world, and floor and walls: found once, by the recorded poses, for before and after.
+
+        As in a run they are found in the scan as it was read, and then corrected.
+        """
+        options = self.options.segmentation
+        gravity = find_gravity(self.scan, options.gravity, runtime)
+        structure = segment_scan(self.scan, gravity, options, runtime)
+        level = level_from_world(gravity, structure.floor_height_m)
+        return level, corrected_structure(structure, self.sensor)
 
 
 def scan_source(
@@ -103,44 +73,58 @@ def scan_source(
     options = RefineOptions()
     scan = read_present_scan(scan_path, options.segmentation, scan_options)
     chosen = plan_path or scan.floorplan_path
-    floorplan = read_floorplan(chosen, plan) if chosen else None
-    return PosesSource(scan, floorplan, options, scan_options.max_time_gap_s)
+    return PosesSource(scan, read_floorplan(chosen, plan) if chosen else None, options)
 
 
 def run_source(
-    folder: Path,
-    scan_path: Path | None,
-    plan_path: Path | None,
-    plan: PlanOptions,
-    max_time_gap_s: float,
+    record: RunRecord, scan_path: Path | None, plan_path: Path | None, plan: PlanOptions
 ) -> PosesSource:
     """The scan and the plan of a run, read as the run did: the plan in metres, at the run's scale.
 
+    Args:
+        record: of the run.
+        scan_path: where the scan is now, if it was moved.
+        plan_path: where the plan is now, if it was moved.
+        plan: how to read it; as in the run.
+
     Raises:
-        ScanError: the folder is not that of a run, or the scan is another.
+        ScanError: the scan is another.
         FloorplanError: the plan is another.
     """
-    record = read_record(folder)
-    floorplan = record.floorplan(plan, plan_path)
     scan = record.as_read(scan_path)
-    return PosesSource(scan, floorplan, record.options, max_time_gap_s, record.sensor)
+    return PosesSource(scan, record.floorplan(plan, plan_path), record.options, record.sensor)
 
 
-def read_poses(
-    source: PosesSource, poses_path: Path, poses_frame: Literal["world", "plan"], runtime: Runtime
+def compare_run(record: RunRecord, source: PosesSource, runtime: Runtime) -> Compared:
+    """Poses of a run of `planfit refine`, before and after; the cache of `runtime` is the run's."""
+    recorded, (_, after) = source.scan.world_from_cams, record.poses()
+    _, structure = source.structure(runtime)
+    return Compared(
+        calibrated_scan(source.scan, source.sensor),
+        source.floorplan,
+        structure,
+        (recorded, record.world_from_plan @ after),
+        (record.plan_from_world_before @ recorded, after),
+    )
+
+
+def compare_poses(
+    source: PosesSource,
+    given: Float[np.ndarray, "n 4 4"],
+    poses_frame: Literal["world", "plan"],
+    runtime: Runtime,
 ) -> Compared:
-    """Poses from a file, after, against those that the scan was recorded with, before.
+    """Poses from elsewhere, after, against those that the scan was recorded with, before.
 
     Poses in the scan's own axes are aligned with the plan as `planfit refine` would do it, by the walls they
     make, and the recorded ones with them by the same motion. Poses in the plan frame stay; the recorded ones
     are moved onto them by the rigid motion that fits best.
 
     Raises:
-        ScanError: a file cannot be used, or frames have no pose.
+        ScanError: there are no walls to align the scan by.
         FloorplanError: the plan cannot be read, or its unit cannot be found.
     """
     options, scan, floorplan = source.options, source.scan, source.floorplan
-    given = poses_of(scan, poses_path, source.max_time_gap_s)
     recorded = scan.world_from_cams
     if poses_frame == "plan" and floorplan is not None and not floorplan.is_metric:
         raise FloorplanError(
@@ -148,7 +132,7 @@ def read_poses(
             "unit with --unit or --scale, or the run's folder in place of the scan"
         )
     seen = calibrated_scan(scan, source.sensor)
-    level, structure = _structure(scan, source.sensor, options.segmentation, runtime)
+    level, structure = source.structure(runtime)
     if poses_frame == "plan":
         plan_from_world = se3.fit_rigid(recorded[:, :3, 3], given[:, :3, 3])
         on_plan = (plan_from_world @ recorded, given)
@@ -170,19 +154,6 @@ def read_poses(
         floorplan = metric_plan(floorplan, alignment.scale_xy)
     on_plan = (level @ recorded, level @ given)
     return Compared(seen, floorplan, structure, (recorded, given), on_plan, notes)
-
-
-def _structure(
-    scan: Scan, sensor: SensorCalibration, options: SegmentationOptions, runtime: Runtime
-) -> tuple[Float[np.ndarray, "4 4"], Structure]:
-    """level_from_world, and floor and walls: found once, by the recorded poses, for both.
-
-    As in the run they are found in the scan as it was read, and then corrected.
-    """
-    gravity = find_gravity(scan, options.gravity, runtime)
-    structure = segment_scan(scan, gravity, options, runtime)
-    level = level_from_world(gravity, structure.floor_height_m)
-    return level, corrected_structure(structure, sensor)
 
 
 def poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
