@@ -21,6 +21,7 @@ from planfit.batch.pool import LocalPool, Task
 from planfit.batch.process import Launcher
 from planfit.batch.sheet import Row
 from planfit.batch.summary import JobRow, Result, row_of
+from planfit.cli.arguments import Out
 from planfit.cli.commands import COMMANDS_BY_NAME, off_name
 from planfit.cli.console import note, out
 from planfit.cli.parser import parse
@@ -39,7 +40,7 @@ class BatchArguments:
     jobs: tyro.conf.Positional[Path]
     """List of jobs (CSV, TOML or JSON): name, scan, plan, and any option of `planfit refine`; see
     docs/batch.md."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """Folder for the results."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Scans at a time, each in a process; the machine's processors are shared among them."""

@@ -5,15 +5,14 @@ import time
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import tyro
 from jaxtyping import Float
 
+from planfit.cli.arguments import Out
 from planfit.cli.console import StageBars, note, out, table
-from planfit.cli.refine import refine_into
-from planfit.cli.run_words import tell_verdict
+from planfit.cli.refine import refine_into, tell_verdict
 from planfit.cli.view import ViewArguments, open_session, serve
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors, surface_metrics
@@ -37,7 +36,7 @@ class DemoArguments:
     """Make a synthetic scan of a synthetic building, drift its poses, refine them against its plan, and
     compare with the truth."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo")
+    out: Out[Path] = Path("demo")
     """Folder for the scan and for the results; an earlier demo in it is replaced."""
     view: tyro.conf.FlagCreatePairsOff[bool] = False
     """Then show the run as `planfit view` does, to be corrected by hand; Ctrl-C ends."""

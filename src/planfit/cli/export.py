@@ -5,13 +5,14 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 from jaxtyping import Float
 
 from planfit.as_built import counted, counted_openings, read_as_built
+from planfit.cli.arguments import Flat, Out
 from planfit.cli.console import StageBars, check_suffix, out, tell_scan
 from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require, require_positive
@@ -59,7 +60,7 @@ class ExportArguments:
     format (.las, .laz, .e57), folders with images and depth (`colmap`
     model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
     frame: Literal["world", "plan"] = "world"
     """Axes of the poses: the scan's own, or those of the plan (z up, floor at 0; of a run alone)."""
@@ -71,9 +72,7 @@ class ExportArguments:
     """Of `as-built`: walls that stand off by no more agree; by default what the run was told."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
 
 
 def export_command(arguments: ExportArguments) -> int:

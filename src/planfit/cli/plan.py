@@ -9,7 +9,7 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import Flat, Out, PlanFlags
 from planfit.cli.console import check_suffix, note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
@@ -27,7 +27,7 @@ class PlanArguments:
 
     plan: tyro.conf.Positional[Path]
     """File of the plan."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: Out[Path | None] = None
     """File to write: `.png` (faces over the drawing), `.svg`, `.dxf`, or `.json` (lossless)."""
     drop: Annotated[
         tyro.conf.UseAppendAction[tuple[tuple[int, ...], ...]], tyro.conf.arg(metavar="N ...")
@@ -42,7 +42,7 @@ class PlanArguments:
     """JSON file for --drop and --keep-region, for `--plan-edits` of all commands that read a plan."""
     numbers: bool = False
     """Number the faces in the picture."""
-    flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
 
 
 def _write_png(path: Path, floorplan: Floorplan) -> None:

@@ -9,8 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from planfit.cli.arguments import AlignmentFlags, PlanFlags
-from planfit.cli.survey import SurveyFlags
+from planfit.cli.arguments import AlignmentFlags, Flat, Out, PlanFlags, SurveyFlags
 from planfit.errors import FloorplanError, OptionError, ScanError, require
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.pipeline.options import RefineOptions
@@ -25,7 +24,7 @@ class RefineArguments:
 
     scan: tyro.conf.Positional[tuple[Path, ...]]
     """Folder of the scan, zip archive of one, or bag; several of one storey are refined together."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """Folder for the results."""
     plan: Annotated[
         tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="[NUMBER=]FILE")
@@ -36,16 +35,10 @@ class RefineArguments:
     """Refine without a plan, even if the scan's folder holds one: by closed loops, floors, ceilings alone."""
     preset: str = "default"
     """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
-        default_factory=AlignmentFlags
-    )
-    survey_flags: Annotated[SurveyFlags, tyro.conf.arg(name="")] = field(
-        default_factory=SurveyFlags
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
+    alignment_flags: Flat[AlignmentFlags] = field(default_factory=AlignmentFlags)
+    survey_flags: Flat[SurveyFlags] = field(default_factory=SurveyFlags)
     corrections: Path | None = None
     """TOML file of corrections by hand (docs/corrections.md): places, loops, frames, walls."""
     without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
@@ -61,7 +54,7 @@ class RefineArguments:
     """Threads."""
     report: ReportOptions = field(default_factory=ReportOptions)
     """The report."""
-    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+    options: Flat[RefineOptions] = field(default_factory=RefineOptions)
 
 
 def read_scans(arguments: RefineArguments) -> list[Scan]:

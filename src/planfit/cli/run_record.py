@@ -21,6 +21,7 @@ from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import archive_of, options_of
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
+from planfit.scan.pose_files import take_poses
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
@@ -240,3 +241,14 @@ def _read_record(folder: Path) -> dict[str, Any]:
             f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
         ) from error
     return record if isinstance(record, dict) else {}
+
+
+def poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of all frames of a scan from a file."""
+    posed = take_poses(scan, path, max_gap_s)
+    if len(posed) < len(scan):
+        raise ScanError(
+            f"{path}: expected a pose for each of {len(scan)} frames, found {len(posed)}; times, or "
+            "frame numbers, must be those of the scan"
+        )
+    return posed.world_from_cams

@@ -5,15 +5,14 @@ import threading
 import webbrowser
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import Flat, PlanFlags, SurveyFlags
 from planfit.cli.console import out
 from planfit.cli.refine import HandChoice, refine_into
 from planfit.cli.run_record import RunRecord, read_present_scan, read_record
-from planfit.cli.survey import SurveyFlags
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
@@ -45,7 +44,7 @@ class ViewArguments:
     """Do not open the page in a browser; its address is printed either way."""
     without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
     """Leave out corrections that others or the scan contradict when solving again."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
 
