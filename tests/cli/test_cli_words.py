@@ -13,8 +13,8 @@ import pytest
 import planfit
 import reference
 from planfit.cli import run
-from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME, completions
-from planfit.cli.completion import SCRIPTS
+from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME
+from planfit.cli.completion import SCRIPTS, completions
 from planfit.cli.speech import NAMES
 from planfit.errors import did_you_mean
 

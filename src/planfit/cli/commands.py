@@ -1,4 +1,4 @@
-"""The commands: their names, what they take, the page that lists them, what the Tab key offers.
+"""The commands: their names, what they take, the page that lists them.
 
 Nothing heavy is imported here: what a command needs is imported when the command is run.
 """
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from planfit import __version__
-from planfit.cli.speech import NAMES
 from planfit.errors import OptionError, did_you_mean
 
 EXIT_CODES = (
@@ -21,7 +20,7 @@ EXIT_CODES = (
     "130 stopped"
 )
 EVERYWHERE = "-q, --quiet; -v, --verbose; --log FILE"
-_HELP = ("-h", "--help", "--help-all")
+HELP = ("-h", "--help", "--help-all")
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Command:
         known = self.known_flags()
         for word in words:
             name = plain_name(word)
-            if not looks_like_flag(word) or name in _HELP or name.startswith("--tyro-"):
+            if not looks_like_flag(word) or name in HELP or name.startswith("--tyro-"):
                 continue
             if name in known:
                 is_switch, value = known[name].kind == "switch", word.partition("=")[2]
@@ -232,24 +231,6 @@ COMMANDS = (
 
 
 COMMANDS_BY_NAME = {command.name: command for command in COMMANDS}
-
-
-def completions(words: Sequence[str]) -> list[str]:
-    """What may take the place of the last of the words behind `planfit`; nothing where a file may.
-
-    Args:
-        words: the words so far; the last is the one to complete, which may be empty.
-    """
-    *before, last = words or [""]
-    found: list[str] = []
-    if not before:
-        found = [*COMMANDS_BY_NAME, "--help", "--version"]
-    elif before[0] in COMMANDS_BY_NAME:
-        known = COMMANDS_BY_NAME[before[0]].known_flags()
-        found = [*known[before[-1]].choices] if before[-1] in known else []
-        if not found and last:
-            found = [*known, *_HELP, *NAMES]
-    return sorted({word for word in found if word.startswith(last)})
 
 
 _WIDTH = 80

@@ -70,7 +70,7 @@ _FAVOUR = (
 
 
 @dataclass(frozen=True)
-class RunPoses:
+class _RunPoses:
     """The poses of a run, as far as `planfit.compare` looks at a result."""
 
     structure: Structure
@@ -83,18 +83,18 @@ class RunPoses:
 
 
 @dataclass(frozen=True)
-class Pair:
+class _Pair:
     """A and B, and the scan that both are poses of."""
 
     scan: Scan
-    a: RunPoses
+    a: _RunPoses
     b: Float[np.ndarray, "n 4 4"] | RefinedPoses
     name_b: str
     matches: Matches
     notes: tuple[str, ...] = ()
 
 
-def read_pair(arguments: CompareArguments, runtime: Runtime) -> Pair:
+def _read_pair(arguments: CompareArguments, runtime: Runtime) -> _Pair:
     """A, and beside it another run, poses of a file, or the poses as recorded.
 
     Floor, walls and matches are those of run A, by its cache, and judge both.
@@ -114,7 +114,7 @@ def read_pair(arguments: CompareArguments, runtime: Runtime) -> Pair:
     a = _run_poses(record, scan, floorplan, seen.structure)
     if other is None:
         b, name = _other_poses(arguments, record, scan, a)
-        return Pair(scan, a, b, name, seen.matches, (_FAVOUR,))
+        return _Pair(scan, a, b, name, seen.matches, (_FAVOUR,))
     scan_b, reading = scan, (record.scan_options, record.convention)
     if (other.scan_options, other.convention) != reading:  # poses of another tracker, say
         scan_b = other.scan(arguments.scan)
@@ -125,11 +125,11 @@ def read_pair(arguments: CompareArguments, runtime: Runtime) -> Pair:
             )
     moved = arguments.plan if other.plan_path == record.plan_path else None
     b = _run_poses(other, scan_b, other.floorplan(plan_options, moved), seen.structure)
-    return Pair(scan, a, b, str(other.folder), seen.matches, _notes(record, other))
+    return _Pair(scan, a, b, str(other.folder), seen.matches, _notes(record, other))
 
 
 def _other_poses(
-    arguments: CompareArguments, record: RunRecord, scan: Scan, a: RunPoses
+    arguments: CompareArguments, record: RunRecord, scan: Scan, a: _RunPoses
 ) -> tuple[Float[np.ndarray, "n 4 4"] | RefinedPoses, str]:
     """Poses of a file, or as recorded, and what they are called."""
     if arguments.poses is None:
@@ -144,7 +144,7 @@ def _other_poses(
 
 def _run_poses(
     record: RunRecord, scan: Scan, floorplan: Floorplan | None, structure: Structure
-) -> RunPoses:
+) -> _RunPoses:
     times, plan_from_cams = record.poses()
     if len(times) != len(scan) or not np.allclose(
         times, scan.timestamps, rtol=0, atol=MAX_TIME_GAP_S
@@ -154,7 +154,7 @@ def _run_poses(
             f"{record.folder}: expected poses of the {len(scan)} frames of {scan.name}, found "
             f"{len(times)}, {len(shared)} of them of the same time; compare runs over the same frames"
         )
-    return RunPoses(
+    return _RunPoses(
         structure,
         floorplan,
         record.plan_from_world_before @ scan.world_from_cams,
@@ -212,9 +212,9 @@ def compare_command(arguments: CompareArguments) -> int:
     made = nullcontext() if folder is None else made_folder(folder)
     with made, StageBars() as bars:
         runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
-        pair = read_pair(arguments, runtime)
+        pair = _read_pair(arguments, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
-        record = to_record(str(arguments.a), pair, comparison)
+        record = _record(str(arguments.a), pair, comparison)
         if folder is not None:
             plan = pair.a.floorplan.name if pair.a.floorplan else ""
             what = Compared(Path(pair.scan.name).name, str(arguments.a), pair.name_b, plan)
@@ -229,7 +229,7 @@ def compare_command(arguments: CompareArguments) -> int:
     return 0
 
 
-def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]:
+def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
     """A comparison as plain values; null where a number could not be taken."""
     differences = comparison.differences
     return {
@@ -296,7 +296,7 @@ def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _cloud(pair: Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
+def _cloud(pair: _Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
     """Without a plan: what was seen at camera height, at A and at B."""
     if comparison.poses.floorplan is not None:
         return None
@@ -325,7 +325,7 @@ def _check_free(folder: Path, overwrite: bool) -> None:
             )
 
 
-def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:
+def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None) -> None:
     """One screen: the evidence, where they differ, the conclusion."""
     out.print(f"\nA  {name_a}\nB  {pair.name_b}\n", soft_wrap=True)
     rows = [

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from planfit.cli.commands import COMMANDS_BY_NAME, HELP
+from planfit.cli.speech import NAMES
 from planfit.errors import OptionError, did_you_mean
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -72,3 +74,21 @@ def completion_command(arguments: CompletionArguments) -> int:
     """Print the script."""
     print(SCRIPTS[arguments.shell], end="")
     return 0
+
+
+def completions(words: Sequence[str]) -> list[str]:
+    """What may take the place of the last of the words behind `planfit`; nothing where a file may.
+
+    Args:
+        words: the words so far; the last is the one to complete, which may be empty.
+    """
+    *before, last = words or [""]
+    found: list[str] = []
+    if not before:
+        found = [*COMMANDS_BY_NAME, "--help", "--version"]
+    elif before[0] in COMMANDS_BY_NAME:
+        known = COMMANDS_BY_NAME[before[0]].known_flags()
+        found = [*known[before[-1]].choices] if before[-1] in known else []
+        if not found and last:
+            found = [*known, *HELP, *NAMES]
+    return sorted({word for word in found if word.startswith(last)})

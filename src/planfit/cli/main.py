@@ -15,10 +15,10 @@ from planfit import __version__
 from planfit.cli.commands import (
     COMMANDS_BY_NAME,
     Command,
-    completions,
     looks_like_flag,
     overview,
 )
+from planfit.cli.completion import completions
 from planfit.cli.speech import USUAL, Speech, speaking, split_speech
 from planfit.errors import OptionError, PlanfitError, did_you_mean
 

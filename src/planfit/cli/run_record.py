@@ -99,7 +99,18 @@ class RunRecord:
         path = moved_to or self.plan_path
         if path is None:
             return None
-        return _read_plan(path, options, self.n_faces, self.scale_xy, self.corrections)
+        if self.n_faces is None:
+            raise FloorplanError(
+                f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
+                "run 'planfit refine' with it"
+            )
+        floorplan = corrected_plan(read_floorplan(path, options), self.corrections)
+        if len(floorplan) != self.n_faces:
+            raise FloorplanError(
+                f"{path}: expected the {self.n_faces} wall faces that the run read, found "
+                f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+            )
+        return metric_plan(floorplan, self.scale_xy)
 
 
 def read_record(folder: Path) -> RunRecord:
@@ -192,28 +203,6 @@ def _corrections(record: dict[str, Any], where: str) -> Corrections:
         if told
         else NO_CORRECTIONS
     )
-
-
-def _read_plan(
-    path: Path,
-    options: PlanOptions,
-    n_faces: int | None,
-    scale_xy: tuple[float, float],
-    corrections: Corrections,
-) -> Floorplan:
-    """The plan of a run, in metres."""
-    if n_faces is None:
-        raise FloorplanError(
-            f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
-            "run 'planfit refine' with it"
-        )
-    floorplan = corrected_plan(read_floorplan(path, options), corrections)
-    if len(floorplan) != n_faces:
-        raise FloorplanError(
-            f"{path}: expected the {n_faces} wall faces that the run read, found "
-            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
-        )
-    return metric_plan(floorplan, scale_xy)
 
 
 def read_present_scan(path: Path, segmentation: SegmentationOptions, options: ScanOptions) -> Scan:
