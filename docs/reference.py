@@ -12,12 +12,12 @@ import types
 import typing
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from planfit.cli.arguments import PlanFlags, parse
-from planfit.cli.commands import COMMANDS, EXIT_CODES, Command
-from planfit.cli.flags import Flag, Group, group_of, one_line, shortest_words
-from planfit.cli.known_flags import flags_path
+from command_flags import Flag, Group, group_of, one_line, shortest_words
+from planfit.cli.arguments import PlanFlags
+from planfit.cli.commands import COMMANDS, EXIT_CODES, Command, KnownFlag
+from planfit.cli.parser import parse
 from planfit.cli.speech import FLAGS as EVERYWHERE_FLAGS
 from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import RefineOptions
@@ -211,31 +211,37 @@ def command_group(name: str) -> Group:
     return group_of(command_types()[name], shared=tuple(SHARED))
 
 
-def all_flags(name: str) -> dict[str, tuple[str, ...]]:
-    """Every flag of a command, with its aliases, shared groups included, and the words that it takes where
-    these can be listed."""
-    found: dict[str, tuple[str, ...]] = {}
-    for flag in group_of(command_types()[name]).all_flags():
+def all_flags(name: str) -> dict[str, KnownFlag]:
+    """Every flag of a command, with its aliases, shared groups included, and the words that choose one of
+    several kinds."""
+    found: dict[str, KnownFlag] = {}
+    group = group_of(command_types()[name])
+    for flag in group.all_flags():
         if not flag.is_positional:
-            values = _values(flag)
-            found |= dict.fromkeys(flag.names, values)
-    return found
+            found |= dict.fromkeys(flag.names, _known(flag))
+    return found | {word: KnownFlag("word") for word in group.all_choices()}
 
 
-def _values(flag: Flag) -> tuple[str, ...]:
+def _known(flag: Flag) -> KnownFlag:
+    """What it takes."""
+    if flag.type is bool:
+        return KnownFlag("switch")
+    if flag.type in (Path, Path | None):
+        return KnownFlag("file")
     if flag.path[-1] == "preset":
-        return tuple(PRESETS)
+        return KnownFlag("one", tuple(PRESETS))
+    kind = "several" if flag.is_repeated else "one"
     if isinstance(flag.type, type) and issubclass(flag.type, Enum):
-        return tuple(member.name.lower() for member in flag.type)
+        return KnownFlag(kind, tuple(member.name.lower() for member in flag.type))
     kinds = (flag.type, *typing.get_args(flag.type))
-    literals = [kind for kind in kinds if typing.get_origin(kind) is typing.Literal]
-    return tuple(str(value) for kind in literals for value in typing.get_args(kind))
+    literals = [one for one in kinds if typing.get_origin(one) is Literal]
+    return KnownFlag(kind, tuple(str(v) for one in literals for v in typing.get_args(one)))
 
 
 def flags_text(name: str) -> str:
-    """The list of a command's flags, one a line with its words, for completion and for "did you mean"."""
-    lines = [" ".join((flag, *values)) for flag, values in sorted(all_flags(name).items())]
-    return "".join(f"{line}\n" for line in lines)
+    """The list of a command's flags, for completion, batches and "did you mean"."""
+    flags = sorted(all_flags(name).items())
+    return "".join(f"{' '.join((one, flag.kind, *flag.choices))}\n" for one, flag in flags)
 
 
 def _own(values: Any) -> str:
@@ -371,7 +377,7 @@ def texts() -> dict[Path, str]:
     """Every file that is written from the code, and what is in it."""
     pages = {DOCS / name: page() for name, page in PAGES.items()}
     helps = {command.help_path: help_text(command) for command in COMMANDS}
-    return pages | helps | {flags_path(c.name): flags_text(c.name) for c in COMMANDS}
+    return pages | helps | {command.flags_path: flags_text(command.name) for command in COMMANDS}
 
 
 def main() -> None:

@@ -20,6 +20,8 @@ from planfit.export.cloud import (
     write_ply,
 )
 from planfit.runtime import Runtime
+from planfit.saving import RunInputs
+from planfit.scan import ScanOptions
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 
@@ -105,11 +107,12 @@ def test_a_run_leaves_frames_without_place_out_of_its_clouds(small_run, tmp_path
     scan, floorplan, result = small_run
     evidence = replace(result.evidence, unplaced=((2, 4),))
     monkeypatch.setattr(command, "refine", lambda *_, **__: replace(result, evidence=evidence))
-    command.refine_into(tmp_path / "out", scan, floorplan, planfit.RefineOptions(), 1, False)
+    inputs = RunInputs(scan, floorplan, planfit.RefineOptions(), ScanOptions())
+    command.refine_into(tmp_path / "out", inputs, 1, False)
     record = json.loads((tmp_path / "out" / "run.json").read_text())
     assert record["verdict"]["frames_without_place"] == [[2, 4]]
     monkeypatch.setattr(command, "refine", lambda *_, **__: result)
-    command.refine_into(tmp_path / "whole", scan, floorplan, planfit.RefineOptions(), 1, False)
+    command.refine_into(tmp_path / "whole", inputs, 1, False)
     some, whole = (
         len(trimesh.load(tmp_path / name / "cloud_after.ply").vertices) for name in ("out", "whole")
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import planfit
-from planfit.cli.flags import group_of
+from command_flags import group_of
 from planfit.cli.refine import RefineArguments
 
 ROOT = Path(__file__).parents[1]

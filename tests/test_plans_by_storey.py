@@ -11,7 +11,7 @@ import planfit
 from builders import look, make_structure, room_plan
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.cli.main import run
-from planfit.cli.storeys import read_plans
+from planfit.cli.refine_inputs import read_plans
 from planfit.errors import FloorplanError, OptionError, PlanfitError
 from planfit.evaluation import wall_distances
 from planfit.floorplan import Floorplan, PlanOptions, write_floorplan_json

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 
 import reference
+from command_flags import Flag, group_of
 from planfit.cli import run
 from planfit.cli.commands import COMMANDS, Command, overview
-from planfit.cli.flags import Flag, group_of
 
 TYPES = reference.command_types()
 

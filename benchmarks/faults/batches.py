@@ -13,9 +13,9 @@ from faults.battery import digest_of
 from faults.measure import Measured
 from faults.scans import SHARED
 from planfit import RefineOptions
-from planfit.cli.arguments import parse
 from planfit.cli.console import out
 from planfit.cli.main import in_one_line
+from planfit.cli.parser import parse
 from planfit.errors import OutputError
 
 

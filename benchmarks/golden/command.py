@@ -17,9 +17,9 @@ from golden.compare import Difference, compare_runs
 from golden.kept import KEPT, Kept, Run, read_kept, write_kept
 from golden.machine import describe_machine, ensure_ready_kernels, environment, what_differs
 from golden.runs import CASES, Performed, perform
-from planfit.cli.arguments import parse
 from planfit.cli.console import err, out, table
 from planfit.cli.main import EXIT_NOT_BETTER, EXIT_OK, exit_with, in_one_line
+from planfit.cli.parser import parse
 
 NAME = "python benchmarks/golden"
 ADVICE = f"where the change means to change results: {NAME} record, and say why in the commit"

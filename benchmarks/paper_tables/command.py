@@ -16,9 +16,9 @@ from paper_tables.results import Measured, Results, read_results
 from paper_tables.run import BenchOptions, run_bench
 from paper_tables.scans import descent_scan, paper_scans, small_scans
 from planfit import __version__
-from planfit.cli.arguments import parse
 from planfit.cli.console import StageBars, out, table
 from planfit.cli.main import exit_with, in_one_line
+from planfit.cli.parser import parse
 from planfit.errors import OptionError, require
 from planfit.evaluation import compare_paired
 from planfit.runtime import Runtime

@@ -1,9 +1,9 @@
 """Everything that a run writes into its folder: poses, clouds, pictures, record, report (docs/outputs.md)."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from planfit import __version__
 from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
@@ -27,7 +27,7 @@ from planfit.report.scene.make import make_scene
 from planfit.report.scene.pictures import make_pictures
 from planfit.report.scene.scene import Scene
 from planfit.runtime import Runtime
-from planfit.runtime.run_folder import RECORD, RunFolder
+from planfit.runtime.run_folder import RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
 SCANS = "scans"
@@ -63,7 +63,17 @@ class RunInputs:
             "scan": " + ".join(str(Path(one.name).resolve()) for one in read),
             "scan_fingerprint": " + ".join(one.fingerprint for one in read),
         }
-        return {**scan, **plan_inputs(self.floorplan), **self.more}
+        if isinstance(self.floorplan, Floorplan):
+            path = str(Path(self.floorplan.name).resolve())
+            plan = {"plan": path, "plan_fingerprint": self.floorplan.fingerprint}
+        elif self.floorplan:
+            plans = sorted(self.floorplan.items())
+            paths = " ".join(f"{number}={Path(one.name).resolve()}" for number, one in plans)
+            prints = " ".join(one.fingerprint for _, one in plans)
+            plan = {"plan": paths, "plan_fingerprint": prints}
+        else:
+            plan = {}
+        return {**scan, **plan, **self.more}
 
 
 @dataclass(frozen=True)
@@ -78,31 +88,17 @@ class RunViews:
     """Verdicts on the walls of the plan; None where the scan has no place on one."""
 
 
-def plan_inputs(floorplan: Floorplan | dict[int, Floorplan] | None) -> dict[str, str]:
-    """What a record says of the plans that a run reads."""
-    if floorplan is None:
-        return {}
-    if isinstance(floorplan, Floorplan):
-        path = str(Path(floorplan.name).resolve())
-        return {"plan": path, "plan_fingerprint": floorplan.fingerprint}
-    plans = sorted(floorplan.items())
-    return {
-        "plan": " ".join(f"{number}={Path(plan.name).resolve()}" for number, plan in plans),
-        "plan_fingerprint": " ".join(plan.fingerprint for _, plan in plans),
-    }
-
-
 def save_result(
-    result: RefineResult,
+    result: RefineResult | TogetherResult,
     folder: str | Path,
     *,
     overwrite: bool = False,
     runtime: Runtime | None = None,
 ) -> None:
-    """Write a result as `planfit refine` does; see docs/outputs.md. What `RefineResult.save` calls.
+    """Write a result as `planfit refine` does; see docs/outputs.md. What `save` of both kinds calls.
 
     Args:
-        result: of `planfit.refine`.
+        result: of `planfit.refine`, or of several scans together.
         folder: new, empty, or of an earlier run with the same scan and plan.
         overwrite: whether another run's results may be replaced.
         runtime: threads and progress of the point clouds.
@@ -112,7 +108,8 @@ def save_result(
         OutputError: the folder holds other files, is in use, or cannot be written.
         ScanError: a frame of the scan can no longer be read.
     """
-    made_of = result.made_of
+    scans = tuple(each.scan for each in result.scans) if isinstance(result, TogetherResult) else ()
+    made_of = _whole(result).made_of
     if made_of is None:
         raise OptionError(
             "save: expected a result of planfit.refine, found one that was put together otherwise; "
@@ -120,73 +117,100 @@ def save_result(
         )
     plans = made_of.floorplan
     given = plans if plans is None or isinstance(plans, Floorplan) else dict(plans)
-    inputs = RunInputs(made_of.scan, given, made_of.options, ScanOptions())
-    runtime = runtime or Runtime()
+    inputs = RunInputs(made_of.scan, given, made_of.options, ScanOptions(), scans=scans)
     with RunFolder.claimed(Path(folder), inputs.names, overwrite) as run:
-        views = result_views(inputs, result, runtime)
-        with run.writing() as staging:
-            write_run(staging, inputs, result, views)
+        write_run(run, inputs, result, runtime or Runtime())
 
 
-def save_together(
-    result: TogetherResult,
-    folder: str | Path,
-    *,
-    overwrite: bool = False,
-    runtime: Runtime | None = None,
+def write_run(
+    run: RunFolder,
+    inputs: RunInputs,
+    result: RefineResult | TogetherResult,
+    runtime: Runtime,
+    errors: TruthErrors | None = None,
 ) -> None:
-    """Write what several scans came to as `planfit refine` does. What `TogetherResult.save` calls; arguments
-    and errors are those of `save_result`."""
-    made_of = result.together.made_of
-    assert made_of is not None
-    assert not isinstance(made_of.floorplan, Mapping)
-    scans = tuple(each.scan for each in result.scans)
-    inputs = RunInputs(made_of.scan, made_of.floorplan, made_of.options, ScanOptions(), scans=scans)
-    runtime = runtime or Runtime()
-    with RunFolder.claimed(Path(folder), inputs.names, overwrite) as run:
-        views = result_views(inputs, result.together, runtime)
-        with run.writing() as staging:
-            write_together(staging, inputs, result, views, run.cache_dir)
-
-
-def write_together(
-    staging: Path, inputs: RunInputs, result: TogetherResult, views: RunViews, cache_dir: Path
-) -> None:
-    """Write what all scans came to, and into `scans/NAME` what a run of each alone writes, but its report.
+    """Write all that a run writes; of several scans what all came to, and into `scans/NAME` what a run of
+    each alone writes, but its report.
 
     Args:
-        staging: an empty folder.
-        inputs: what the run was given; `inputs.scan` is the joined one.
+        run: its folder.
+        inputs: what it was given.
         result: what it found.
-        views: of the joined scan.
-        cache_dir: where stages were kept.
+        runtime: threads and progress.
+        errors: against true poses, where these are known, for the report.
     """
-    write_run(staging, inputs, result.together, views)
-    _tell_scans(staging / RECORD, result)
-    cache = str((inputs.cache or cache_dir).resolve())
+    whole, more, stage = _whole(result), {}, "write results"
+    if isinstance(result, TogetherResult):
+        assert whole.made_of is not None
+        inputs, more = replace(inputs, scan=whole.made_of.scan), _scans_record(result)
+    views = _result_views(inputs, whole, runtime)
+    with run.writing() as staging:
+        runtime.report(stage, 0, 0)
+        _write_whole(staging, inputs, whole, views, errors, more)
+        if isinstance(result, TogetherResult):
+            _write_scans(staging / SCANS, inputs, result, views.cloud, run.cache_dir)
+    runtime.report(stage, 1, 0)
+
+
+def _whole(result: RefineResult | TogetherResult) -> RefineResult:
+    """The result of all scans."""
+    return result.together if isinstance(result, TogetherResult) else result
+
+
+def _write_whole(
+    staging: Path,
+    inputs: RunInputs,
+    result: RefineResult,
+    views: RunViews,
+    errors: TruthErrors | None,
+    more: dict[str, Any],
+) -> None:
+    """All files of one result, into an empty folder; `more` stands at the end of its record."""
+    record = _record(inputs, result, inputs.cache) | {"report_options": plain(inputs.report)}
+    record |= {"made": asdict(inputs.made), **more}
+    write_results(staging, inputs.scan, result, record, views.cloud)
+    both = measure(result.floorplan, result, _seen_from_above(views.cloud, result))
+    for name, overlay in draw_overlays(result, both).items():
+        (staging / name).write_bytes(overlay)
+    if views.as_built is not None:
+        write_as_built(staging / AS_BUILT, views.as_built)
+    text, shown = to_toml(inputs.options), (both, views.scene, views.as_built)
+    report = make_report(
+        inputs.scan.name, result.floorplan, result, text, errors, *shown, inputs.made
+    )
+    (staging / "report.html").write_text(report, encoding="utf-8")
+
+
+def _write_scans(
+    folder: Path, inputs: RunInputs, result: TogetherResult, cloud: Cloud, cache_dir: Path
+) -> None:
+    """Files of each scan that has a place."""
     placed = [each for each in result.scans if each.result is not None]
     for each, own in zip(placed, result.together.scans, strict=True):
-        folder = staging / SCANS / each.name
-        folder.mkdir(parents=True)
         assert each.result is not None
-        names = RunInputs(each.scan, inputs.floorplan, inputs.options, inputs.scan_options).names
-        floorplan = each.result.floorplan
-        record = make_record(__version__, names, each.scan, floorplan, inputs.options, each.result)
-        record["cache"] = cache
-        record["scan_options"] = scan_options_record(inputs.scan_options)
+        target, floorplan = folder / each.name, each.result.floorplan
+        target.mkdir(parents=True)
+        alone = RunInputs(each.scan, inputs.floorplan, inputs.options, inputs.scan_options)
+        record = _record(alone, each.result, inputs.cache or cache_dir)
         record["made"] = asdict(inputs.made)
-        cloud = views.cloud.of_frames(own.frames)
-        write_results(folder, each.scan, each.result, record, cloud)
-        (folder / "overlay.png").write_bytes(
-            draw_overlay(floorplan, measure(floorplan, each.result))
-        )
+        write_results(target, each.scan, each.result, record, cloud.of_frames(own.frames))
+        overlay = draw_overlay(floorplan, measure(floorplan, each.result))
+        (target / "overlay.png").write_bytes(overlay)
 
 
-def _tell_scans(path: Path, result: TogetherResult) -> None:
-    """All scans, also those without a place, in the record of a run."""
-    record = json.loads(path.read_text())
+def _record(inputs: RunInputs, result: RefineResult, cache: Path | None) -> dict[str, Any]:
+    """What every record of a run says."""
+    names, floorplan = inputs.names, result.floorplan
+    record = make_record(__version__, names, inputs.scan, floorplan, inputs.options, result)
+    record["cache"] = None if cache is None else str(cache.resolve())
+    record["scan_options"] = scan_options_record(inputs.scan_options)
+    return record
+
+
+def _scans_record(result: TogetherResult) -> dict[str, Any]:
+    """What the record of a run says of its scans, also of those without a place."""
     frames = {own.name: [own.first, own.last] for own in result.together.scans}
-    record["scans"] = [
+    scans = [
         {
             "name": each.name,
             "path": str(Path(each.scan.name).resolve()),
@@ -201,11 +225,10 @@ def _tell_scans(path: Path, result: TogetherResult) -> None:
         }
         for each in result.scans
     ]
-    record["pairs_between_scans"] = result.between_pairs
-    path.write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
+    return {"scans": scans, "pairs_between_scans": result.between_pairs}
 
 
-def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> RunViews:
+def _result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> RunViews:
     """Sample the images once more, for the clouds and the report, and judge the walls of the plan."""
     scan, options, as_built = inputs.scan, inputs.report, _as_built(inputs, result)
     corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
@@ -223,39 +246,6 @@ def result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> R
     points = (shown.points_cam, shown.colors, shown.start)
     scene = make_scene(scan, result, *points, pictures, as_built)
     return RunViews(cloud, scene, as_built)
-
-
-def write_run(
-    staging: Path,
-    inputs: RunInputs,
-    result: RefineResult,
-    views: RunViews,
-    errors: TruthErrors | None = None,
-) -> None:
-    """Write all of it into an empty folder.
-
-    Args:
-        staging: the folder.
-        inputs: what the run was given.
-        result: what it found.
-        views: from `result_views`.
-        errors: against true poses, where these are known, for the report.
-    """
-    scan, options = inputs.scan, inputs.options
-    record = make_record(__version__, inputs.names, scan, result.floorplan, options, result)
-    record["cache"] = None if inputs.cache is None else str(inputs.cache.resolve())
-    record["scan_options"] = scan_options_record(inputs.scan_options)
-    record["report_options"] = plain(inputs.report)
-    record["made"] = asdict(inputs.made)
-    write_results(staging, scan, result, record, views.cloud)
-    both = measure(result.floorplan, result, _seen_from_above(views.cloud, result))
-    for name, overlay in draw_overlays(result, both).items():
-        (staging / name).write_bytes(overlay)
-    if views.as_built is not None:
-        write_as_built(staging / AS_BUILT, views.as_built)
-    text, shown = to_toml(options), (both, views.scene, views.as_built)
-    report = make_report(scan.name, result.floorplan, result, text, errors, *shown, inputs.made)
-    (staging / "report.html").write_text(report, encoding="utf-8")
 
 
 def _as_built(inputs: RunInputs, result: RefineResult) -> AsBuilt | None:

@@ -133,7 +133,7 @@ def opened_again(corrected, tmp_path: Path, monkeypatch) -> tuple[Path, list[dic
     shutil.copytree(corrected[1], folder, ignore=without)
     monkeypatch.setattr(
         "planfit.cli.view.refine_into",
-        lambda *values, **more: given.append({**more, "options": values[3]}),
+        lambda _folder, inputs, _workers, **more: given.append({**more, "inputs": inputs}),
     )
     return folder, given
 
@@ -148,7 +148,7 @@ def test_corrections_of_another_file_go_on(opened_again, corrected) -> None:
     session.start_solve()
     session.wait()
     assert len(given[0]["by_hand"].corrections) == 6
-    assert given[0]["report_options"].has_view is False
+    assert given[0]["inputs"].report.has_view is False
     assert not session.path.exists()
     session.add("add_loop", {"frames": [3, 57]})
     assert len(read_corrections(session.path)) == 7
@@ -169,7 +169,7 @@ def test_places_count_for_more_than_the_number_of_an_alignment(opened_again) -> 
     session.add("place", {"scan": [1.0, 1.0, 1.0], "plan": [1.0, 1.0]})
     session.start_solve()
     session.wait()
-    assert [each["options"].align.candidate for each in given] == [2, 1]
+    assert [each["inputs"].options.align.candidate for each in given] == [2, 1]
 
 
 def test_no_browser_and_a_taken_port_are_told(corrected, monkeypatch, capsys) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from planfit.cli.arguments import parse
+from planfit.cli.parser import parse
 from planfit.cli.refine import RefineArguments
 from planfit.errors import OptionError
 from planfit.lsq.robust import LossKind

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planfit.cli import run
-from planfit.cli.survey import SurveyFlags
+from planfit.cli.arguments import SurveyFlags
 from planfit.cli.view import ViewArguments, open_session
 from planfit.errors import OptionError
 from planfit.scan import read_scan, read_tum

@@ -13,9 +13,8 @@ import pytest
 import planfit
 import reference
 from planfit.cli import run
-from planfit.cli.commands import COMMANDS
-from planfit.cli.completion import SCRIPTS
-from planfit.cli.known_flags import completions, flags_of
+from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME
+from planfit.cli.completion import SCRIPTS, completions
 from planfit.cli.speech import NAMES
 from planfit.errors import did_you_mean
 
@@ -24,8 +23,9 @@ NAMES_OF_COMMANDS = [command.name for command in COMMANDS]
 
 @pytest.mark.parametrize("name", NAMES_OF_COMMANDS)
 def test_listed_flags_are_those_of_the_parser_and_leave_the_common_ones_free(name: str) -> None:
-    assert flags_of(name) == reference.all_flags(name), "run: python docs/reference.py"
-    assert set(NAMES).isdisjoint(flags_of(name))
+    known = COMMANDS_BY_NAME[name].known_flags()
+    assert known == reference.all_flags(name), "run: python docs/reference.py"
+    assert set(NAMES).isdisjoint(known)
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_misspelt_words_are_answered_with_what_was_meant(
 
 
 def test_words_like_nothing_known_get_no_advice() -> None:
-    assert did_you_mean("--zzzz", flags_of("refine")) == ""
+    assert did_you_mean("--zzzz", COMMANDS_BY_NAME["refine"].known_flags()) == ""
 
 
 def test_values_are_not_taken_for_flags(capsys: pytest.CaptureFixture[str]) -> None:
@@ -61,13 +61,14 @@ def test_values_are_not_taken_for_flags(capsys: pytest.CaptureFixture[str]) -> N
 
 
 def test_completions() -> None:
-    assert completions(["ref"], NAMES_OF_COMMANDS) == ["refine"]
-    assert set(NAMES_OF_COMMANDS) < set(completions([""], NAMES_OF_COMMANDS))
-    assert completions(["refine", "--preset", ""], NAMES_OF_COMMANDS) == ["default", "paper"]
-    assert completions(["export", "x", "--to", "k"], NAMES_OF_COMMANDS) == ["kitti"]
-    assert "--adjust.walls.weight" in completions(["refine", "--adjust.w"], NAMES_OF_COMMANDS)
-    assert "--log" in completions(["plan", "--l"], NAMES_OF_COMMANDS)
-    assert completions(["refine", "sca"], NAMES_OF_COMMANDS) == []  # a file, which the shell knows
+    assert completions(["ref"]) == ["refine"]
+    assert set(NAMES_OF_COMMANDS) < set(completions([""]))
+    assert completions(["refine", "--preset", ""]) == ["default", "paper"]
+    assert completions(["export", "x", "--to", "k"]) == ["kitti"]
+    assert "--adjust.walls.weight" in completions(["refine", "--adjust.w"])
+    assert "--log" in completions(["plan", "--l"])
+    assert completions(["synth", "out", "depth-noise:no"]) == ["depth-noise:no-depth-noise"]
+    assert completions(["refine", "sca"]) == []  # a file, which the shell knows
 
 
 _ASK = {

@@ -4,7 +4,7 @@ import json
 import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 import tyro
@@ -19,7 +19,7 @@ from planfit.alignment import (
     other_scale_words,
     told_of,
 )
-from planfit.cli.arguments import AlignmentFlags, PlanFlags
+from planfit.cli.arguments import AlignmentFlags, Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
@@ -40,15 +40,11 @@ class AlignArguments:
     """Folder of the scan, zip archive of one, or bag."""
     plan: tyro.conf.Positional[Path]
     """Floorplan."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """Folder for alignment.json and a picture of each hypothesis."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
-        default_factory=AlignmentFlags
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
+    alignment_flags: Flat[AlignmentFlags] = field(default_factory=AlignmentFlags)
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
@@ -57,7 +53,7 @@ class AlignArguments:
     """Folder that keeps finished stages, which runs may share, also at the same time; else OUT/cache."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+    options: Flat[RefineOptions] = field(default_factory=RefineOptions)
 
 
 def align_command(arguments: AlignArguments) -> int:

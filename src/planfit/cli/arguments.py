@@ -1,28 +1,29 @@
-"""From words to arguments: how the parser reads flags, presets and files of options."""
+"""Groups of flags: how to read the plan, what is known of the alignment, surveyed points of the scan."""
 
-import contextlib
-import dataclasses
-import io
+import hashlib
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from typing import TYPE_CHECKING, Annotated, TypeVar, cast
 
 import tyro
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from planfit.cli.config import read_options
-from planfit.cli.flags import group_of
-from planfit.cli.usage import wrong_words
-from planfit.errors import OptionError
+from planfit.errors import OptionError, require
 from planfit.floorplan import PlanOptions
 from planfit.floorplan.units import Unit
-from planfit.runtime import choices_of, member_of
+from planfit.scan import Scan
+from planfit.survey import FAMILIES, Survey, SurveyAxes, read_marks, read_points
 
 if TYPE_CHECKING:
     from planfit.pipeline.options import RefineOptions
+
+Value = TypeVar("Value")
+Flat = Annotated[Value, tyro.conf.arg(name="")]
+"""A group of flags whose names begin with no name of the group."""
+Out = Annotated[Value, tyro.conf.arg(aliases=["-o"])]
+"""What is written, also named by `-o`."""
 
 
 @dataclass(frozen=True)
@@ -120,78 +121,104 @@ class AlignmentFlags:
         return replace(options, align=chosen)
 
 
-def parse(arguments_type: Any, prog: str, argv: list[str]) -> Any:
-    """Arguments of a command; those of --preset and of the TOML file of --config come before the flags.
+@dataclass(frozen=True)
+class SurveyFlags:
+    """Surveyed points that the scan sees."""
 
-    Args:
-        arguments_type: dataclass, or a union of dataclasses: commands of a command.
-        prog: what stands before the arguments, for messages.
-        argv: words of the command line.
+    control_points: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    """Table id,x,y,z[,sigma] (m) of points that hold the poses; an empty z is not known."""
+    check_points: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    """The same of points that take no part: how far they end from their places is reported."""
+    marks: Annotated[Path | None, tyro.conf.arg(metavar="FILE.csv")] = None
+    """Table frame,u,v,id of pixels that show points; with empty u and v, the camera stood at the point."""
+    survey_axes: SurveyAxes | None = None
+    """Whose axes the points are in: `plan`, as at the rim of `planfit plan PLAN -o plan.png`, heights above
+    the floor; `file`, the plan file's own; `map`, those of its map conversion (IFC) or world file; `site`,
+    others, without a plan. By default `plan`, without a plan `site`."""
+    tags: Annotated[str, tyro.conf.arg(metavar="FAMILY")] = ""
+    """Look for tags in the images, whose ids are ids of points: `apriltag-36h11`, `aruco-4x4-50` and others
+    of these kinds."""
+    tag_size_m: float | None = None
+    """Side of the black square of a tag: tells its distance where depth is missing."""
 
-    Raises:
-        SystemExit: help was asked for, and printed.
-        OptionError: the words are not what the command takes; or the file of options is missing, or has an
-            option that is unknown or cannot work.
-    """
-    default = None
-    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
-    fields = {f.name: f for f in dataclasses.fields(arguments_type)} if is_plain else {}
-    preset_name, config = _value_of(argv, "--preset"), _value_of(argv, "--config")
-    if "config" in fields and (preset_name or config):
-        from planfit.pipeline.presets import preset  # commands without presets need no pipeline
+    @property
+    def is_given(self) -> bool:
+        """Whether there are points."""
+        return self.control_points is not None or self.check_points is not None
 
-        options = preset(preset_name or "default")
-        if config:
-            options = read_options(Path(config), options)
-        required = {
-            key: tyro.MISSING
-            for key, field in fields.items()
-            if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
-        }
-        default = arguments_type(**required, options=options)
-    said = io.StringIO()
-    try:
-        with contextlib.redirect_stderr(said):
-            return tyro.cli(
-                arguments_type,
-                prog=prog,
-                args=argv,
-                default=tyro.MISSING_NONPROP if default is None else default,
-                use_underscores=False,
-                registry=_registry(),
+    def read(self, scan: Scan, has_plan: bool) -> Survey | None:
+        """The survey; None without points.
+
+        Raises:
+            OptionError: a table cannot be read, or nothing tells where the points are seen.
+        """
+        if not self.is_given:
+            require(
+                self == SurveyFlags(),
+                "--marks, --tags, --survey-axes: expected points beside them, found none; give "
+                "--control-points FILE or --check-points FILE",
             )
-    except SystemExit as stop:
-        if not stop.code:  # help was printed
-            raise
-    group = group_of(cast("type", arguments_type)) if is_plain else None
-    raise wrong_words(prog, group, argv, said.getvalue())
+            return None
+        require(
+            self.marks is not None or self.tags != "",
+            "--control-points, --check-points: expected to be told where the points are seen, found neither "
+            "--marks FILE nor --tags FAMILY; give one of them",
+        )
+        require(
+            self.tags == "" or self.tags in FAMILIES,
+            f"--tags: expected one of {', '.join(FAMILIES)}, found {self.tags!r}; name that of the tags",
+        )
+        require(
+            self.tag_size_m is None or self.tag_size_m > 0,
+            f"--tag-size-m: expected a length above 0, found {self.tag_size_m}; measure the black square",
+        )
+        points = []
+        for path, is_check in ((self.control_points, False), (self.check_points, True)):
+            points += read_points(path, is_check) if path is not None else ()
+        marks = () if self.marks is None else read_marks(self.marks, scan.frame_ids)
+        axes: SurveyAxes = self.survey_axes or ("plan" if has_plan else "site")
+        return Survey(tuple(points), marks, axes, self.tags, self.tag_size_m)
+
+    @property
+    def inputs(self) -> dict[str, str]:
+        """Files as the record of a run names them, with what tells their contents."""
+        found = {}
+        for name in _TABLES:
+            path = getattr(self, name)
+            if path is not None:
+                found[name] = str(path.resolve())
+                found[f"{name}_fingerprint"] = _fingerprint(path)
+        if self.is_given:
+            found |= {"survey_axes": self.survey_axes or "", "tags": self.tags}
+            found["tag_size_m"] = "" if self.tag_size_m is None else repr(self.tag_size_m)
+        return found
+
+    @staticmethod
+    def of_record(inputs: Mapping[str, str]) -> "SurveyFlags":
+        """Those that a run was given, from the inputs that its record names.
+
+        Raises:
+            OptionError: a table is no longer there, or is another.
+        """
+        paths = {name: Path(inputs[name]) for name in _TABLES if name in inputs}
+        flags = SurveyFlags(
+            **paths,
+            survey_axes=cast(SurveyAxes | None, inputs.get("survey_axes") or None),
+            tags=inputs.get("tags", ""),
+            tag_size_m=float(inputs["tag_size_m"]) if inputs.get("tag_size_m") else None,
+        )
+        for name, path in paths.items():
+            is_there = path.is_file()
+            require(
+                is_there and _fingerprint(path) == inputs.get(f"{name}_fingerprint"),
+                f"{path}: expected the {name.replace('_', ' ')} of the run, found "
+                f"{'others' if is_there else 'nothing'}; run 'planfit refine' again with those of now",
+            )
+        return flags
 
 
-def _registry() -> ConstructorRegistry:
-    """Named choices, such as losses: shown in lower case, as the TOML files write them; any case is taken."""
-    rules = ConstructorRegistry()
-    rules.primitive_rule(_rule)
-    return rules
+_TABLES = ("control_points", "check_points", "marks")
 
 
-def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
-    kind = info.type
-    if not (isinstance(kind, type) and issubclass(kind, Enum)):
-        return None
-    # Not as tyro's own choices: those are compared letter by letter.
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="{" + ",".join(choices_of(kind)) + "}",
-        instance_from_str=lambda words: member_of(kind, words[0]),
-        is_instance=lambda value: isinstance(value, kind),
-        str_from_instance=lambda member: [member.name.lower()],
-    )
-
-
-def _value_of(argv: list[str], flag: str) -> str | None:
-    for i, word in enumerate(argv):
-        if word == flag and i + 1 < len(argv):
-            return argv[i + 1]
-        if word.startswith(f"{flag}="):
-            return word.removeprefix(f"{flag}=")
-    return None
+def _fingerprint(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16]

@@ -21,14 +21,15 @@ from planfit.batch.pool import LocalPool, Task
 from planfit.batch.process import Launcher
 from planfit.batch.sheet import Row
 from planfit.batch.summary import JobRow, Result, row_of
-from planfit.cli.arguments import parse
+from planfit.cli.arguments import Out
+from planfit.cli.commands import COMMANDS_BY_NAME, off_name
 from planfit.cli.console import note, out
-from planfit.cli.flags import Flag, group_of
+from planfit.cli.parser import parse
 from planfit.cli.refine import RefineArguments
 from planfit.errors import OptionError, PlanfitError, require
 
-_OF_THE_BATCH = ("out", "overwrite", "workers", "cache", "scan", "plan")
-"""Fields of refine that no job has an option for."""
+_OF_THE_BATCH = ("out", "overwrite", "workers", "cache", "plan")
+"""Flags of refine that no job has an option for."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class BatchArguments:
     jobs: tyro.conf.Positional[Path]
     """List of jobs (CSV, TOML or JSON): name, scan, plan, and any option of `planfit refine`; see
     docs/batch.md."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """Folder for the results."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Scans at a time, each in a process; the machine's processors are shared among them."""
@@ -101,14 +102,20 @@ def exit_code(rows: Sequence[JobRow]) -> int:
 
 def columns() -> dict[str, Column]:
     """Options of refine that a job may have, by the name of their column."""
-    flags = [f for f in group_of(RefineArguments).all_flags() if f.path[0] not in _OF_THE_BATCH]
-    return {flag.name.removeprefix("--"): _column(flag) for flag in flags}
-
-
-def _column(flag: Flag) -> Column:
-    is_file = flag.type in (Path, Path | None)
-    is_switch = flag.type is bool
-    return Column(is_switch, is_switch and flag.is_paired, is_file, flag.is_repeated)
+    known = COMMANDS_BY_NAME["refine"].known_flags()
+    switches = [name for name, flag in known.items() if flag.kind == "switch"]
+    names = [name for name in known if name.startswith("--")]
+    names = [name for name in names if name not in map(off_name, switches)]
+    return {
+        name.removeprefix("--"): Column(
+            is_switch=name in switches,
+            has_no=off_name(name) in known,
+            is_file=known[name].kind == "file",
+            is_repeated=known[name].kind == "several",
+        )
+        for name in names
+        if name.removeprefix("--") not in _OF_THE_BATCH
+    }
 
 
 def parse_shard(text: str) -> tuple[int, int]:

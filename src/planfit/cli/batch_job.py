@@ -18,7 +18,7 @@ def main() -> int:
 
     def refine(words: list[str], inputs: dict[str, str]) -> None:
         # Takes seconds: only where there is something to be done.
-        from planfit.cli.arguments import parse
+        from planfit.cli.parser import parse
         from planfit.cli.refine import RefineArguments, refine_files
 
         arguments = parse(RefineArguments, "planfit refine", [*words, "--workers", sys.argv[1]])

@@ -3,12 +3,11 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import tyro
 
 from planfit.adjust.calibration import SHARED
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.errors import OutputError, require
 from planfit.floorplan import read_floorplan
@@ -28,21 +27,19 @@ class CalibrateArguments:
 
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """File to write (JSON). It must not be there yet."""
     plan: Path | None = None
     """Floorplan, whose walls take part; without one, matches, floor and recorded motion alone."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
     preset: str = "default"
     """Options to begin with: `default`, or `paper`, the published method to the letter."""
     config: Path | None = None
     """TOML file of options, on top of the preset and overruled by flags."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+    options: Flat[RefineOptions] = field(default_factory=RefineOptions)
 
 
 def calibrate_command(arguments: CalibrateArguments) -> int:

@@ -1,22 +1,37 @@
-"""The commands: their names, what they take, and the page that lists them.
+"""The commands: their names, what they take, the page that lists them.
 
 Nothing heavy is imported here: what a command needs is imported when the command is run.
 """
 
+import re
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from planfit import __version__
+from planfit.errors import OptionError, did_you_mean
 
 EXIT_CODES = (
     "0 done; 1 done, but with reservations, no better than before or not surely aligned; 2 bad input; "
     "130 stopped"
 )
 EVERYWHERE = "-q, --quiet; -v, --verbose; --log FILE"
+HELP = ("-h", "--help", "--help-all")
+
+
+@dataclass(frozen=True)
+class KnownFlag:
+    """A name of a flag, or a word that chooses one of several kinds, as a command's list has it."""
+
+    kind: str
+    """What it takes: nothing, for a `switch`; a path, `file`; `several` values, each behind the flag again;
+    another value, `one`. Else it is a `word`."""
+    choices: tuple[str, ...] = ()
+    """The values, where these can be listed."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +61,65 @@ class Command:
     def help_path(self) -> Path:
         """The file that `--help` prints."""
         return Path(__file__).parent / "help" / f"{self.name}.txt"
+
+    @property
+    def flags_path(self) -> Path:
+        """The list of all its flags. It is written by docs/reference.py too: neither a misspelt word nor the
+        Tab key may take seconds."""
+        return self.help_path.with_suffix(".flags")
+
+    def known_flags(self) -> dict[str, KnownFlag]:
+        """All its flags by name, aliases and `--no-` forms too."""
+        return _listed(self.flags_path)
+
+    def check_flags(self, words: Sequence[str]) -> None:
+        """Raise `OptionError` at the first word that looks like a flag and is none, naming the nearest one,
+        or the usage, where that has a word of this name; and at a switch that is given a value."""
+        known = self.known_flags()
+        for word in words:
+            name = plain_name(word)
+            if not looks_like_flag(word) or name in HELP or name.startswith("--tyro-"):
+                continue
+            if name in known:
+                is_switch, value = known[name].kind == "switch", word.partition("=")[2]
+                if is_switch and "=" in word:
+                    raise OptionError(
+                        f"{name}: expected no value behind it, found {value!r}; give {name} alone"
+                    )
+                continue
+            if name.removeprefix("--").upper() in re.split(r"[ \[\]]+", self.usage):
+                raise OptionError(
+                    f"{name}: expected 'planfit {self.name} {self.usage}', found an option in place of a "
+                    f"word; leave {name} out"
+                )
+            meant = did_you_mean(name, known)
+            raise OptionError(
+                f"{name}: expected an option of 'planfit {self.name}', found an unknown one; "
+                f"{f'{meant} ' if meant else ''}'planfit {self.name} --help-all' lists every one"
+            )
+
+
+@cache
+def _listed(path: Path) -> dict[str, KnownFlag]:
+    """One a line: its name, its kind, the values that it takes."""
+    lines = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+    return {name: KnownFlag(kind, tuple(values)) for name, kind, *values in lines}
+
+
+def looks_like_flag(word: str) -> bool:
+    """Whether a word is meant as a flag: numbers below 0 are not."""
+    return re.match(r"--?[A-Za-z]", word) is not None
+
+
+def plain_name(word: str) -> str:
+    """The name of a flag, without a value that is written to it, and as the lists have it."""
+    return word.split("=", 1)[0].replace("_", "-")
+
+
+def off_name(name: str) -> str:
+    """The flag that switches off what another switches on: `--adjust.walls.no-mutual`."""
+    begin = name.rfind(".") + 1 or len("--")
+    return f"{name[:begin]}no-{name[begin:]}"
 
 
 COMMANDS = (
@@ -154,6 +228,9 @@ COMMANDS = (
         is_light=True,
     ),
 )  # fmt: skip
+
+
+COMMANDS_BY_NAME = {command.name: command for command in COMMANDS}
 
 
 _WIDTH = 80

@@ -3,27 +3,33 @@
 import json
 import os
 from contextlib import nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 
-from planfit.cli.arguments import PlanFlags
-from planfit.cli.compare_inputs import Given, Pair, read_pair
+from planfit.cli.arguments import Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table
-from planfit.cli.run_record import cache_of
-from planfit.errors import OutputError, require
-from planfit.evaluation import CompareOptions, Comparison, Metric, Witness, compare
+from planfit.cli.run_record import MAX_TIME_GAP_S, RunRecord, cache_of, poses_of, read_record
+from planfit.errors import OutputError, ScanError, require
+from planfit.evaluation import CompareOptions, Comparison, compare
+from planfit.evaluation.evaluate import RefinedPoses
 from planfit.export.cloud import place_cloud, sample_cloud
+from planfit.floorplan import Floorplan
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.matching import Matches
+from planfit.pipeline.calibrate import corrected
+from planfit.pipeline.observations import extract_observations
 from planfit.report.comparison_words import conclusion, local_in_words, whole_in_words
 from planfit.report.html.comparison_page import Compared, make_comparison
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime, made_folder, write_whole
-
-PAGE, RECORD = "comparison.html", "comparison.json"
+from planfit.scan import Scan, calibrated_scan
+from planfit.segmentation import Structure
 
 
 @dataclass(frozen=True)
@@ -35,7 +41,7 @@ class CompareArguments:
     """Output folder of `planfit refine`: A."""
     b: tyro.conf.Positional[Path | None] = None
     """Another, over the same scan: B."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: Out[Path | None] = None
     """Folder for comparison.html, with pictures, and comparison.json."""
     poses: Path | None = None
     """Poses for B: TUM, KITTI, Open3D log."""
@@ -47,16 +53,151 @@ class CompareArguments:
     """Scan of the runs, where it was moved since."""
     plan: Path | None = None
     """Floorplan of A, where it was moved since."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
     json: bool = False
     """Print JSON instead of a table."""
     overwrite: bool = False
     """Replace an earlier comparison in the output folder."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    options: Annotated[CompareOptions, tyro.conf.arg(name="")] = field(
-        default_factory=CompareOptions
+    options: Flat[CompareOptions] = field(default_factory=CompareOptions)
+
+
+_FAVOUR = (
+    "A was solved with the matches, and the plan if it has one, that judge here, which favours A: poses that "
+    "were measured otherwise may be right where these speak for A; map and free space took no part"
+)
+
+
+@dataclass(frozen=True)
+class _RunPoses:
+    """The poses of a run, as far as `planfit.compare` looks at a result."""
+
+    structure: Structure
+    floorplan: Floorplan | None
+    initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    world_from_cams: Float[np.ndarray, "n 4 4"]
+    sensor: SensorCalibration = NOMINAL
+    """Nothing is left to correct: the scan beside it is corrected as run A did."""
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """A and B, and the scan that both are poses of."""
+
+    scan: Scan
+    a: _RunPoses
+    b: Float[np.ndarray, "n 4 4"] | RefinedPoses
+    name_b: str
+    matches: Matches
+    notes: tuple[str, ...] = ()
+
+
+def _read_pair(arguments: CompareArguments, runtime: Runtime) -> _Pair:
+    """A, and beside it another run, poses of a file, or the poses as recorded.
+
+    Floor, walls and matches are those of run A, by its cache, and judge both.
+
+    Raises:
+        ScanError: a folder is not that of a run, or the two are of different scans or frames.
+        FloorplanError: a plan cannot be read, or is another than the run's.
+    """
+    record, plan_options = read_record(arguments.a), arguments.plan_flags.options
+    other = None if arguments.b is None else read_record(arguments.b)
+    if other is not None:
+        _require_one_scan(record, other)
+    as_read = record.as_read(arguments.scan)
+    seen = corrected(extract_observations(as_read, record.options, runtime), record.sensor)
+    scan = calibrated_scan(as_read, record.sensor)
+    floorplan = record.floorplan(plan_options, arguments.plan)
+    a = _run_poses(record, scan, floorplan, seen.structure)
+    if other is None:
+        b, name = _other_poses(arguments, record, scan, a)
+        return _Pair(scan, a, b, name, seen.matches, (_FAVOUR,))
+    scan_b, reading = scan, (record.scan_options, record.convention)
+    if (other.scan_options, other.convention) != reading:  # poses of another tracker, say
+        scan_b = other.scan(arguments.scan)
+        if scan.frame_ids != scan_b.frame_ids:
+            raise ScanError(
+                f"{other.folder}: expected the frames {scan.frame_ids[0]} to {scan.frame_ids[-1]}, found "
+                f"others: {scan_b.frame_ids[0]} to {scan_b.frame_ids[-1]}; compare runs over the same frames"
+            )
+    moved = arguments.plan if other.plan_path == record.plan_path else None
+    b = _run_poses(other, scan_b, other.floorplan(plan_options, moved), seen.structure)
+    return _Pair(scan, a, b, str(other.folder), seen.matches, _notes(record, other))
+
+
+def _other_poses(
+    arguments: CompareArguments, record: RunRecord, scan: Scan, a: _RunPoses
+) -> tuple[Float[np.ndarray, "n 4 4"] | RefinedPoses, str]:
+    """Poses of a file, or as recorded, and what they are called."""
+    if arguments.poses is None:
+        before, world = a.initial_plan_from_cams, scan.world_from_cams
+        return replace(a, plan_from_cams=before, world_from_cams=world), "the poses as recorded"
+    poses = poses_of(scan, arguments.poses, arguments.max_time_gap_s)
+    if arguments.poses_frame == "world":
+        return poses, str(arguments.poses)
+    world = record.world_from_plan @ poses
+    return replace(a, plan_from_cams=poses, world_from_cams=world), str(arguments.poses)
+
+
+def _run_poses(
+    record: RunRecord, scan: Scan, floorplan: Floorplan | None, structure: Structure
+) -> _RunPoses:
+    times, plan_from_cams = record.poses()
+    if len(times) != len(scan) or not np.allclose(
+        times, scan.timestamps, rtol=0, atol=MAX_TIME_GAP_S
+    ):
+        shared = np.intersect1d(np.round(times, 3), np.round(scan.timestamps, 3))
+        raise ScanError(
+            f"{record.folder}: expected poses of the {len(scan)} frames of {scan.name}, found "
+            f"{len(times)}, {len(shared)} of them of the same time; compare runs over the same frames"
+        )
+    return _RunPoses(
+        structure,
+        floorplan,
+        record.plan_from_world_before @ scan.world_from_cams,
+        plan_from_cams,
+        record.world_from_plan @ plan_from_cams,
     )
+
+
+def _require_one_scan(a: RunRecord, b: RunRecord) -> None:
+    # Behind the dash stands what tells other poses of the same scan.
+    same = a.scan_fingerprint.split("-")[0] == b.scan_fingerprint.split("-")[0]
+    if not same and a.scan_path != b.scan_path:
+        raise ScanError(
+            f"{b.folder}: expected a run over the scan of {a.folder}, {a.scan_path}, found one over "
+            f"{b.scan_path}; compare two runs over one scan"
+        )
+    if not same:
+        raise ScanError(
+            f"{b.folder}: expected a run over the same scan as {a.folder}, found that {a.scan_path} has "
+            "changed between the two; run 'planfit refine' again"
+        )
+    if a.n_frames != b.n_frames:
+        raise ScanError(
+            f"{b.folder}: expected the {a.n_frames} frames of {a.folder}, found {b.n_frames}; compare runs "
+            "over the same frames"
+        )
+
+
+def _notes(a: RunRecord, b: RunRecord) -> tuple[str, ...]:
+    notes = []
+    if a.options.matching != b.options.matching or a.options.segmentation != b.options.segmentation:
+        notes.append(
+            "A and B looked for matches, floor or walls by other options; those of A judge both here"
+        )
+    if a.sensor != b.sensor:
+        notes.append(
+            "A and B corrected depth or camera otherwise; as A corrected them, they judge both here, which "
+            "favours A"
+        )
+    return tuple(notes)
+
+
+PAGE, RECORD = "comparison.html", "comparison.json"
 
 
 def compare_command(arguments: CompareArguments) -> int:
@@ -68,16 +209,12 @@ def compare_command(arguments: CompareArguments) -> int:
     folder = arguments.out
     if folder is not None:
         _check_free(folder, arguments.overwrite)
-    given = Given(
-        arguments.b, arguments.poses, arguments.poses_frame, arguments.max_time_gap_s, arguments.scan,
-        arguments.plan, arguments.plan_flags.options,
-    )  # fmt: skip
     made = nullcontext() if folder is None else made_folder(folder)
     with made, StageBars() as bars:
         runtime = Runtime(arguments.workers, cache_of(arguments.a), bars.update)
-        pair = read_pair(arguments.a, given, runtime)
+        pair = _read_pair(arguments, runtime)
         comparison = compare(pair.scan, pair.a, pair.b, pair.matches, arguments.options, runtime)
-        record = to_record(str(arguments.a), pair, comparison)
+        record = _record(str(arguments.a), pair, comparison)
         if folder is not None:
             plan = pair.a.floorplan.name if pair.a.floorplan else ""
             what = Compared(Path(pair.scan.name).name, str(arguments.a), pair.name_b, plan)
@@ -92,7 +229,7 @@ def compare_command(arguments: CompareArguments) -> int:
     return 0
 
 
-def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]:
+def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
     """A comparison as plain values; null where a number could not be taken."""
     differences = comparison.differences
     return {
@@ -104,7 +241,17 @@ def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]
         "is_aligned": differences.is_aligned,
         "preferred": comparison.preferred,
         "conclusion": " ".join(conclusion(comparison).split()),
-        "witnesses": [_witness(w) for w in comparison.witnesses],
+        "witnesses": [
+            {
+                "name": witness.name,
+                "metric": witness.deciding.name,
+                "unit": witness.deciding.unit,
+                "a": witness.deciding.before,
+                "b": witness.deciding.after,
+                "prefers": witness.prefers,
+            }
+            for witness in comparison.witnesses
+        ],
         "difference": {
             "rms_m": differences.rms_m,
             "max_m": float(differences.distance_m.max()),
@@ -127,7 +274,15 @@ def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]
             }
             for local in comparison.stretches
         ],
-        "metrics": {name: _metric(metric) for name, metric in comparison.metrics.items()},
+        "metrics": {
+            name: {
+                "meaning": metric.meaning.strip(),
+                "unit": metric.unit,
+                "a": _finite(metric.before),
+                "b": _finite(metric.after),
+            }
+            for name, metric in comparison.metrics.items()
+        },
         "by_frame": {
             "frame": list(pair.scan.frame_ids),
             "distance_m": [round(v, 6) for v in differences.distance_m.tolist()],
@@ -137,31 +292,11 @@ def to_record(name_a: str, pair: Pair, comparison: Comparison) -> dict[str, Any]
     }
 
 
-def _witness(witness: Witness) -> dict[str, Any]:
-    return {
-        "name": witness.name,
-        "metric": witness.deciding.name,
-        "unit": witness.deciding.unit,
-        "a": witness.deciding.before,
-        "b": witness.deciding.after,
-        "prefers": witness.prefers,
-    }
-
-
-def _metric(metric: Metric) -> dict[str, Any]:
-    return {
-        "meaning": metric.meaning.strip(),
-        "unit": metric.unit,
-        "a": _finite(metric.before),
-        "b": _finite(metric.after),
-    }
-
-
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
-def _cloud(pair: Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
+def _cloud(pair: _Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
     """Without a plan: what was seen at camera height, at A and at B."""
     if comparison.poses.floorplan is not None:
         return None
@@ -190,7 +325,7 @@ def _check_free(folder: Path, overwrite: bool) -> None:
             )
 
 
-def _tell(name_a: str, pair: Pair, comparison: Comparison, folder: Path | None) -> None:
+def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None) -> None:
     """One screen: the evidence, where they differ, the conclusion."""
     out.print(f"\nA  {name_a}\nB  {pair.name_b}\n", soft_wrap=True)
     rows = [

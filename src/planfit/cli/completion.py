@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
+from planfit.cli.commands import COMMANDS_BY_NAME, HELP
+from planfit.cli.speech import NAMES
 from planfit.errors import OptionError, did_you_mean
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -58,18 +60,35 @@ class CompletionArguments:
             OptionError: they name no shell that is known, or more than one.
         """
         known: tuple[Shell, ...] = get_args(Shell)
-        for shell in known:
-            if [*words] == [shell]:
-                return CompletionArguments(shell)
-        meant = did_you_mean(words[0], known) if len(words) == 1 else ""
-        step = meant or "write it as 'planfit completion bash'"
-        raise OptionError(
-            f"completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
-            f"{' '.join(words) or 'nothing'}; {step}"
-        )
+        shells: list[Shell] = [shell for shell in known if [*words] == [shell]]
+        if not shells:
+            step = did_you_mean(" ".join(words), known) or "write it as 'planfit completion bash'"
+            raise OptionError(
+                f"completion: expected {', '.join(known[:-1])} or {known[-1]}, found "
+                f"{' '.join(words) or 'nothing'}; {step}"
+            )
+        return CompletionArguments(shells[0])
 
 
 def completion_command(arguments: CompletionArguments) -> int:
     """Print the script."""
     print(SCRIPTS[arguments.shell], end="")
     return 0
+
+
+def completions(words: Sequence[str]) -> list[str]:
+    """What may take the place of the last of the words behind `planfit`; nothing where a file may.
+
+    Args:
+        words: the words so far; the last is the one to complete, which may be empty.
+    """
+    *before, last = words or [""]
+    found: list[str] = []
+    if not before:
+        found = [*COMMANDS_BY_NAME, "--help", "--version"]
+    elif before[0] in COMMANDS_BY_NAME:
+        known = COMMANDS_BY_NAME[before[0]].known_flags()
+        found = [*known[before[-1]].choices] if before[-1] in known else []
+        if not found and last:
+            found = [*known, *HELP, *NAMES]
+    return sorted({word for word in found if word.startswith(last)})

@@ -1,15 +1,57 @@
-"""Options from TOML and run.json: the same names as on the command line, unknown ones are errors."""
+"""Options from TOML files: the same names as on the command line, unknown ones are errors."""
 
+import dataclasses
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from planfit.errors import OptionError, ScanError
-from planfit.export.option_files import FILES_OF_SCAN
+import tyro
+
+from planfit.cli.commands import looks_like_flag, plain_name
+from planfit.errors import OptionError
 from planfit.runtime import options_of
-from planfit.scan import ScanOptions
 
 Options = TypeVar("Options")
+
+
+def configured(arguments_type: Any, argv: Sequence[str]) -> Any:
+    """Arguments whose options are those of --preset and of the file of --config, for flags to overrule; None
+    where neither is given.
+
+    Raises:
+        OptionError: there is no such preset; or the file is missing, or has an option that is unknown or
+            cannot work.
+    """
+    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
+    fields = dataclasses.fields(arguments_type) if is_plain else ()
+    preset_name, config = (words_behind(name, argv)[:1] for name in ("--preset", "--config"))
+    if not (preset_name or config) or "config" not in {field.name for field in fields}:
+        return None
+    from planfit.pipeline.presets import preset  # commands without presets need no pipeline
+
+    options = preset(preset_name[0] if preset_name else "default")
+    if config:
+        options = read_options(Path(config[0]), options)
+    required = {
+        field.name: tyro.MISSING
+        for field in fields
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    }
+    return arguments_type(**required, options=options)
+
+
+def words_behind(flag: str, argv: Sequence[str]) -> list[str]:
+    """The words that a flag takes, of all its mentions: up to the next flag."""
+    found: list[str] = []
+    is_own = False
+    for word in argv:
+        if looks_like_flag(word):
+            is_own = plain_name(word) == flag
+            found += [word.partition("=")[2]] if is_own and "=" in word else []
+        elif is_own:
+            found.append(word)
+    return found
 
 
 def read_options(path: Path, defaults: Options) -> Options:
@@ -25,22 +67,3 @@ def read_options(path: Path, defaults: Options) -> Options:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise OptionError(f"{path}: expected TOML, found {error}") from error
     return options_of(values, defaults, f"{path}: ")
-
-
-def scan_options_of(record: dict[str, Any], where: str) -> ScanOptions:
-    """How the run of a record read its scan.
-
-    Raises:
-        ScanError: the record is of another version; the message begins with `where`.
-    """
-    values = dict(record.get("scan_options") or {})
-    for name in FILES_OF_SCAN:
-        if values.get(name):
-            values[name] = Path(values[name])
-    try:
-        return ScanOptions(**values)
-    except TypeError as error:
-        raise ScanError(
-            f"{where}expected scan_options of this version of planfit, found others ({error}); "
-            "run planfit refine again"
-        ) from error

@@ -3,8 +3,9 @@
 import logging
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console as RichConsole
@@ -13,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from planfit.cli.speech import USUAL, Speech
-from planfit.errors import printable
+from planfit.errors import OutputError, printable
 from planfit.scan import Scan, corrupt_frames
 
 _NAMED = 3
@@ -145,6 +146,15 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str | Text
     for row in rows:
         result.add_row(*(printable(cell) if isinstance(cell, str) else cell for cell in row))
     return result
+
+
+def check_suffix(target: Path, kinds: Collection[str]) -> None:
+    """Raise `OutputError` where a file to write has none of the suffixes that tell what to write."""
+    if target.suffix.lower() not in kinds:
+        raise OutputError(
+            f"{target}: expected a file of {', '.join(kinds)}, found {target.suffix or 'no suffix'}; choose "
+            "another name with -o"
+        )
 
 
 def note(words: str) -> None:

@@ -5,14 +5,14 @@ import time
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import tyro
 from jaxtyping import Float
 
+from planfit.cli.arguments import Out
 from planfit.cli.console import StageBars, note, out, table
-from planfit.cli.refine import exit_code, refine_into, tell_verdict
+from planfit.cli.refine import refine_into, tell_verdict
 from planfit.cli.view import ViewArguments, open_session, serve
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors, surface_metrics
@@ -20,7 +20,8 @@ from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.report.key_metrics import TruthErrors
-from planfit.scan import Scan, read_scan, read_tum
+from planfit.saving import RunInputs
+from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
 
 DEMO_SCAN = SynthOptions(
@@ -35,7 +36,7 @@ class DemoArguments:
     """Make a synthetic scan of a synthetic building, drift its poses, refine them against its plan, and
     compare with the truth."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("demo")
+    out: Out[Path] = Path("demo")
     """Folder for the scan and for the results; an earlier demo in it is replaced."""
     view: tyro.conf.FlagCreatePairsOff[bool] = False
     """Then show the run as `planfit view` does, to be corrected by hand; Ctrl-C ends."""
@@ -69,9 +70,8 @@ def demo_command(arguments: DemoArguments) -> int:
     _, true_world_from_cams = read_tum(scan_folder / "groundtruth.tum")
 
     truth_of = partial(_truth_errors, scan, true_world_from_cams)
-    result = refine_into(
-        run_folder, scan, floorplan, RefineOptions(), arguments.workers, True, truth_of
-    )
+    inputs = RunInputs(scan, floorplan, RefineOptions(), ScanOptions())
+    result = refine_into(run_folder, inputs, arguments.workers, True, truth_of)
     errors = truth_of(result)
     metrics = surface_metrics(
         result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams
@@ -103,7 +103,7 @@ def demo_command(arguments: DemoArguments) -> int:
         out.print()
         shown = ViewArguments(run_folder, workers=arguments.workers)
         serve(open_session(shown), arguments.port, arguments.no_browser)
-    return exit_code(result.verdict)
+    return 0 if result.verdict.is_refined else 1
 
 
 def _truth_errors(

@@ -4,6 +4,7 @@ It starts where libraries are missing or broken: nothing but the standard librar
 needs it, and each check says what it came across.
 """
 
+import argparse
 import json
 import os
 import platform
@@ -16,11 +17,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, distributions, requires, version
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from planfit import __version__
-from planfit.cli.known_flags import looks_like_flag
 from planfit.errors import OptionError, PlanfitError, printable
 
 EXTRAS = {
@@ -38,6 +39,7 @@ EXTRAS = {
     "learned": ("labels, keypoints and matches by models", ("onnxruntime", "torch", "transformers")),
 }  # fmt: skip
 """What each extra is for, and the modules that it brings."""
+_OPTIONAL = "extras, none of which must be there"
 _MIN_FREE_GB = 1.0
 """A run of a few hundred frames leaves some hundred megabytes."""
 _FREE_SHARE = 0.01
@@ -66,32 +68,20 @@ class DoctorArguments:
         Raises:
             OptionError: a flag has no value behind it, or a word belongs to none.
         """
-        switches, paths, waiting = {"json": False, "compile": False}, {}, iter(words)
-        for word in waiting:
-            name, _, value = word.partition("=")
-            switch = name.removeprefix("--no-").removeprefix("--")
-            if switch in switches and not value and "=" not in word:
-                switches[switch] = not name.startswith("--no-")
-            elif switch in switches:
-                raise OptionError(
-                    f"{name}: expected no value behind it, found {value!r}; give {name} alone"
-                )
-            elif name in ("--folder", "--cache"):
-                path = value or next(waiting, "")
-                if not path or looks_like_flag(path):
-                    raise OptionError(
-                        f"{name}: expected a folder behind it, found {path or 'nothing'}; write it as "
-                        f"{name} DIR"
-                    )
-                paths[name] = path
-            else:
-                raise OptionError(
-                    f"doctor: expected options alone, found {word!r} besides; "
-                    "'planfit doctor --help' tells more"
-                )
-        cache = Path(paths["--cache"]) if "--cache" in paths else None
-        folder = Path(paths.get("--folder", "."))
-        return DoctorArguments(switches["json"], folder, cache, switches["compile"])
+        parser = _Parser("planfit doctor", allow_abbrev=False)
+        for switch in ("--json", "--compile"):
+            parser.add_argument(switch, action=argparse.BooleanOptionalAction, default=False)
+        parser.add_argument("--folder", type=Path, default=Path())
+        parser.add_argument("--cache", type=Path)
+        return DoctorArguments(**vars(parser.parse_args(words)))
+
+
+class _Parser(argparse.ArgumentParser):
+    """Python's own, as others may be missing."""
+
+    def error(self, message: str) -> NoReturn:
+        """Instead of usage and exit."""
+        raise OptionError(f"doctor: {message}; 'planfit doctor --help' tells more")
 
 
 @dataclass(frozen=True)
@@ -176,75 +166,51 @@ def _memory() -> str:
 
 def _dependencies() -> list[Finding]:
     """Each library that planfit needs: its version, and whether it can be imported."""
-    found = []
-    for line in _required():
-        if not _is_for_this_machine(line):
-            continue
-        name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
-        found.append(_dependency(name, line))
+    try:
+        lines = requires("planfit") or []
+    except PackageNotFoundError:  # planfit runs from its sources alone
+        lines = []
+    found = [_dependency(line) for line in lines if "extra ==" not in line]
     doubled = [d.metadata["Name"] for d in distributions() if _is_opencv(d.metadata["Name"])]
     if len(set(doubled)) > 1:
         fault = f"they share a folder and spoil each other: pip uninstall {' '.join(sorted(set(doubled)))}, "
-        found.append(
-            Finding("libraries", "OpenCV", ", ".join(doubled), f"{fault}then install one again")
-        )
-    return found
+        words = f"{fault}then install one again"
+        found.append(Finding("libraries", "OpenCV", ", ".join(doubled), words))
+    return [finding for finding in found if finding is not None]
 
 
 def _is_opencv(name: str | None) -> bool:
     return (name or "").lower().replace("_", "-").startswith("opencv-")
 
 
-def _required() -> list[str]:
-    """Requirements without those of extras; none where planfit runs from its sources alone."""
+def _dependency(line: str) -> Finding | None:
+    """A library by a line of requirements; None where the line is for other machines."""
     try:
-        lines = requires("planfit") or []
-    except PackageNotFoundError:
-        return []
-    return [line for line in lines if "extra ==" not in line]
-
-
-_MODULES = {"pillow": "PIL", "pypdfium2": "pypdfium2"}
-"""Modules that are not called as what brings them is."""
-
-
-def _dependency(name: str, requirement: str) -> Finding:
-    module = "cv2" if _is_opencv(name) else _MODULES.get(name, name)
+        requirement = import_module("packaging.requirements").Requirement(line)
+    except ImportError:  # it is matplotlib's, and may be missing too
+        requirement = None
+    if requirement and requirement.marker and not requirement.marker.evaluate():
+        return None
+    name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
     try:
         found = version(name)
     except PackageNotFoundError:
         found = "not registered"
+    fault = ""
     try:
-        import_module(module)
+        import_module("cv2" if _is_opencv(name) else {"pillow": "PIL"}.get(name, name))
     # A library that is broken may raise anything, an OSError of the loader or a SystemError among them.
     except Exception as error:
-        why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        fault = f"cannot be imported ({why}); pip install --force-reinstall {name}"
-        return Finding("libraries", name, found, fault)
-    wanted = requirement.split(";")[0].removeprefix(name).strip()
-    fault = (
-        ""
-        if _is_met(found, wanted)
-        else f"expected {wanted}; pip install --upgrade '{requirement}'"
-    )
+        fault = f"cannot be imported ({_reason(error)}); pip install --force-reinstall {name}"
+    if not fault and requirement and not requirement.specifier.contains(found, True):
+        fault = f"expected {line.split(';')[0].removeprefix(name).strip()}; "
+        fault += f"pip install --upgrade '{line}'"
     return Finding("libraries", name, found, fault)
 
 
-def _is_for_this_machine(requirement: str) -> bool:
-    """Whether what stands behind the semicolon of a requirement holds here."""
-    try:
-        marker = import_module("packaging.requirements").Requirement(requirement).marker
-    except ImportError:
-        return True
-    return marker is None or marker.evaluate()
-
-
-def _is_met(found: str, wanted: str) -> bool:
-    """Whether a version is one of those asked for; what tells may be missing too, as it is matplotlib's."""
-    try:
-        return import_module("packaging.specifiers").SpecifierSet(wanted).contains(found, True)
-    except ImportError:
-        return True
+def _reason(error: Exception) -> str:
+    """What a library raised, on one line."""
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
 
 
 def _kernels() -> Finding:
@@ -266,27 +232,20 @@ def _kernels() -> Finding:
 
 def _extras() -> list[Finding]:
     """Whether the modules of each extra are there; they are looked for, not imported, which takes seconds."""
-    from importlib.util import find_spec
-
     found = []
     for extra, (purpose, modules) in EXTRAS.items():
         absent = [module for module in modules if find_spec(module) is None]
-        if not absent:
-            words = f"installed: {purpose}"
-        elif len(absent) < len(modules):
-            words = (
-                f"in part, without {', '.join(absent)}: {purpose}; pip install 'planfit[{extra}]'"
-            )
-        else:
-            words = f"not installed: {purpose}; pip install 'planfit[{extra}]'"
-        found.append(Finding("extras, none of which must be there", extra, words))
+        state, advice = "installed", ""
+        if absent:
+            state = f"in part, without {', '.join(absent)}"
+            state = state if len(absent) < len(modules) else "not installed"
+            advice = f"; pip install 'planfit[{extra}]'"
+        found.append(Finding(_OPTIONAL, extra, f"{state}: {purpose}{advice}"))
     return found
 
 
 def _gpu() -> Finding:
     """Of torch: nothing else of planfit runs on one."""
-    from importlib.util import find_spec
-
     words = "not used: only models of planfit[learned] and planfit[torch] run on one"
     if find_spec("torch") is not None:
         try:
@@ -296,7 +255,7 @@ def _gpu() -> Finding:
                 words = f"{torch.cuda.get_device_name(0)}, by torch {torch.__version__}"
         except Exception as error:
             words = f"torch cannot be imported ({type(error).__name__}: {str(error)[:100]})"
-    return Finding("extras, none of which must be there", "GPU", words)
+    return Finding(_OPTIONAL, "GPU", words)
 
 
 def _disk(folder: Path, cache: Path | None) -> list[Finding]:
@@ -331,8 +290,9 @@ def _self_test() -> Finding:
     except PlanfitError as error:
         return Finding("self-test", "solver", "failed", str(error))
     except Exception as error:  # whatever a broken library raises
-        why = f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
-        return Finding("self-test", "solver", "failed", f"{why}; see the libraries above")
+        return Finding(
+            "self-test", "solver", "failed", f"{_reason(error)}; see the libraries above"
+        )
     seconds = time.perf_counter() - begin
     words = f"{1000 * disturbed:.0f} mm off before, {1000 * left:.2g} mm after, in {seconds:.1f} s"
     is_right = left < _FREE_SHARE * disturbed

@@ -5,23 +5,19 @@ import json
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
+from jaxtyping import Float
 from rich.text import Text
 
-from planfit.cli.arguments import PlanFlags
+from planfit.adjust.calibration import corrected_structure
+from planfit.alignment import align, metric_plan
+from planfit.cli.arguments import Flat, PlanFlags
 from planfit.cli.console import StageBars, note, out, table
-from planfit.cli.evaluate_inputs import (
-    Compared,
-    read_poses,
-    read_run,
-    run_source,
-    scan_source,
-)
-from planfit.cli.run_record import cache_of
-from planfit.errors import require
+from planfit.cli.run_record import RunRecord, cache_of, poses_of, read_present_scan, read_record
+from planfit.errors import FloorplanError, ScanError, require
 from planfit.evaluation import (
     ComparedPoses,
     EvaluateOptions,
@@ -32,9 +28,15 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
+from planfit.floorplan import Floorplan, read_floorplan
+from planfit.geometry import se3
+from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.pipeline.align import claimed_alignment, wall_samples
+from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RECORD
-from planfit.scan import ScanOptions, read_tum
+from planfit.scan import Scan, ScanOptions, calibrated_scan, read_tum
+from planfit.segmentation import Structure, find_gravity, level_from_world, segment_scan
 
 _FAR_CM = 30.0
 """A map this far from the true scan on average was not registered to it."""
@@ -53,16 +55,14 @@ class EvaluateArguments:
     folder: tyro.conf.Positional[Path]
     """Output folder of `planfit refine`; or, with --poses, also a scan: folder, zip archive of one, or
     bag."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
     poses_frame: Literal["world", "plan"] = "world"
     """Axes of --poses: `world`, the scan's own, or `plan`."""
     scan: Path | None = None
     """Scan of a run that was moved since."""
     plan: Path | None = None
     """Floorplan; by default that of the run, or the one inside the scan's folder."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
     truth: Path | None = None
     """True poses in TUM form, `time tx ty tz qx qy qz qw`; times, or frame numbers, as in the scan."""
     truth_frame: Literal["world", "plan"] = "world"
@@ -76,15 +76,13 @@ class EvaluateArguments:
     """Print JSON instead of a table."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    options: Annotated[EvaluateOptions, tyro.conf.arg(name="")] = field(
-        default_factory=EvaluateOptions
-    )
+    options: Flat[EvaluateOptions] = field(default_factory=EvaluateOptions)
 
 
 def evaluate_command(arguments: EvaluateArguments) -> int:
     """Print every metric before and after."""
     with StageBars() as bars:
-        report = make_evaluation(arguments, bars)
+        report = _evaluated(arguments, bars)
     if arguments.json:
         out.print_json(json.dumps(report, allow_nan=False))
         return 0
@@ -94,7 +92,7 @@ def evaluate_command(arguments: EvaluateArguments) -> int:
     return 0
 
 
-def make_evaluation(arguments: EvaluateArguments, bars: StageBars) -> dict[str, Any]:
+def _evaluated(arguments: EvaluateArguments, bars: StageBars) -> dict[str, Any]:
     """All metrics as plain values.
 
     Raises:
@@ -121,10 +119,49 @@ def make_evaluation(arguments: EvaluateArguments, bars: StageBars) -> dict[str, 
     }
 
 
-def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, Runtime]:
+@dataclass(frozen=True)
+class _Compared:
+    """A scan with its poses before and after."""
+
+    scan: Scan
+    floorplan: Floorplan | None
+    """In metres."""
+    structure: Structure
+    world: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4 4"]]
+    """Before and after, in the scan's own axes."""
+    plan: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4 4"]]
+    """Before and after, in the plan frame; without a plan, in the level frame."""
+    notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True)
+class _PosesSource:
+    """What poses are of: a scan, and the plan to hold them to."""
+
+    scan: Scan
+    """As it was read, before its sensor is corrected."""
+    floorplan: Floorplan | None
+    """As drawn, or in metres at the scale of a run."""
+    options: RefineOptions
+    sensor: SensorCalibration = NOMINAL
+    """How the run corrected the sensor."""
+
+    def structure(self, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
+        """level_from_world, and floor and walls: found once, by the recorded poses, for before and after.
+
+        As in a run they are found in the scan as it was read, and then corrected.
+        """
+        options = self.options.segmentation
+        gravity = find_gravity(self.scan, options.gravity, runtime)
+        structure = segment_scan(self.scan, gravity, options, runtime)
+        level = level_from_world(gravity, structure.floor_height_m)
+        return level, corrected_structure(structure, self.sensor)
+
+
+def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[_Compared, Runtime]:
     """The poses of a run, or of a scan and a file of poses; and the threads and cache for them."""
-    plan_options, scan_options = arguments.plan_flags.options, arguments.scan_options
-    folder, poses = arguments.folder, scan_options.poses
+    folder, scan_options = arguments.folder, arguments.scan_options
+    poses = scan_options.poses
     is_run = (folder / RECORD).exists()
     runtime = Runtime(arguments.workers, cache_of(folder), bars.update)
     if poses is None or is_run:
@@ -134,24 +171,96 @@ def _compared(arguments: EvaluateArguments, bars: StageBars) -> tuple[Compared, 
             f"{folder}: expected no flags of how a scan is read, as that of a run is read as the "
             "run did, found some; leave them out, or give --poses and a scan",
         )
-    if poses is None:
-        return read_run(folder, arguments.scan, arguments.plan, plan_options, runtime), runtime
-    if arguments.poses_frame == "plan" and arguments.truth_frame == "world":
+    if poses is not None and arguments.poses_frame == "plan" and arguments.truth_frame == "world":
         require(
             arguments.truth is None and arguments.true_cloud is None,
             "--truth-frame: expected plan, as poses in the plan's frame do not tell where the "
             "scan's own axes are; give the truth in the plan's frame too",
         )
-    if is_run:
-        gap_s = scan_options.max_time_gap_s
-        source = run_source(folder, arguments.scan, arguments.plan, plan_options, gap_s)
-    else:
-        as_recorded = dataclasses.replace(scan_options, poses=None)
-        source = scan_source(folder, as_recorded, arguments.plan, plan_options)
-    return read_poses(source, poses, arguments.poses_frame, runtime), runtime
+    record = read_record(folder) if poses is None or is_run else None
+    source = _source(arguments, record)
+    if poses is None:
+        assert record is not None
+        return _run_compared(record, source, runtime), runtime
+    given = poses_of(source.scan, poses, scan_options.max_time_gap_s)
+    return _poses_compared(source, given, arguments.poses_frame, runtime), runtime
 
 
-def _truth(arguments: EvaluateArguments, compared: Compared) -> Truth | None:
+def _source(arguments: EvaluateArguments, record: RunRecord | None) -> _PosesSource:
+    """The scan and the plan of a run, read as the run did, the plan in metres at its scale; without a run, a
+    scan and the plan given, or that inside its folder."""
+    plan_options, options = arguments.plan_flags.options, RefineOptions()
+    if record is not None:
+        scan = record.as_read(arguments.scan)
+        floorplan = record.floorplan(plan_options, arguments.plan)
+        return _PosesSource(scan, floorplan, record.options, record.sensor)
+    as_recorded = dataclasses.replace(arguments.scan_options, poses=None)
+    scan = read_present_scan(arguments.folder, options.segmentation, as_recorded)
+    chosen = arguments.plan or scan.floorplan_path
+    return _PosesSource(scan, read_floorplan(chosen, plan_options) if chosen else None, options)
+
+
+def _run_compared(record: RunRecord, source: _PosesSource, runtime: Runtime) -> _Compared:
+    """Poses of a run of `planfit refine`, before and after; the cache of `runtime` is the run's."""
+    recorded, (_, after) = source.scan.world_from_cams, record.poses()
+    return _Compared(
+        calibrated_scan(source.scan, source.sensor),
+        source.floorplan,
+        source.structure(runtime)[1],
+        (recorded, record.world_from_plan @ after),
+        (record.plan_from_world_before @ recorded, after),
+    )
+
+
+def _poses_compared(
+    source: _PosesSource,
+    given: Float[np.ndarray, "n 4 4"],
+    poses_frame: Literal["world", "plan"],
+    runtime: Runtime,
+) -> _Compared:
+    """Poses from elsewhere, after, against those that the scan was recorded with, before.
+
+    Poses in the scan's own axes are aligned with the plan as `planfit refine` would do it, by the walls they
+    make, and the recorded ones with them by the same motion. Poses in the plan frame stay; the recorded ones
+    are moved onto them by the rigid motion that fits best.
+
+    Raises:
+        ScanError: there are no walls to align the scan by.
+        FloorplanError: the plan cannot be read, or its unit cannot be found.
+    """
+    options, scan, floorplan = source.options, source.scan, source.floorplan
+    recorded = scan.world_from_cams
+    if poses_frame == "plan" and floorplan is not None and not floorplan.is_metric:
+        raise FloorplanError(
+            f"{floorplan.name}: expected a plan in metres, as the poses are in its frame; give its "
+            "unit with --unit or --scale, or the run's folder in place of the scan"
+        )
+    seen = calibrated_scan(scan, source.sensor)
+    level, structure = source.structure(runtime)
+    if poses_frame == "plan":
+        plan_from_world = se3.fit_rigid(recorded[:, :3, 3], given[:, :3, 3])
+        on_plan = (plan_from_world @ recorded, given)
+        return _Compared(
+            seen, floorplan, structure, (recorded, se3.inverse(plan_from_world) @ given), on_plan
+        )
+    notes: tuple[str, ...] = ()
+    if floorplan is not None:
+        walls = wall_samples(structure, level @ given)
+        if len(walls.xy) == 0:
+            raise ScanError(
+                f"{scan.name}: expected walls to align the scan by, found none; give poses in the "
+                "plan's frame with --poses-frame plan"
+            )
+        claimed = claimed_alignment(scan, floorplan, level)
+        alignment = align(walls, floorplan, options.align, claimed)
+        notes = alignment.warnings
+        level = alignment.plan_from_level @ level
+        floorplan = metric_plan(floorplan, alignment.scale_xy)
+    on_plan = (level @ recorded, level @ given)
+    return _Compared(seen, floorplan, structure, (recorded, given), on_plan, notes)
+
+
+def _truth(arguments: EvaluateArguments, compared: _Compared) -> Truth | None:
     """True poses and true scan, where either is given."""
     if arguments.truth is None and arguments.true_cloud is None:
         return None

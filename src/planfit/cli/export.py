@@ -2,23 +2,27 @@
 other programs."""
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 import numpy as np
 import tyro
 from jaxtyping import Float
 
-from planfit.cli.as_built import export_as_built
-from planfit.cli.console import StageBars, out, tell_scan
-from planfit.cli.print_report import export_report
+from planfit.as_built import counted, counted_openings, read_as_built
+from planfit.cli.arguments import Flat, Out
+from planfit.cli.console import StageBars, check_suffix, out, tell_scan
 from planfit.cli.run_record import read_record
-from planfit.errors import OutputError, ScanError, require_positive
+from planfit.errors import OutputError, ScanError, require, require_positive
+from planfit.export.as_built_files import AS_BUILT_WRITERS
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.matches_file import read_matches
-from planfit.export.mesh import check_suffix, fuse_mesh, load_open3d, write_mesh
+from planfit.export.mesh import check_suffix as check_mesh_suffix
+from planfit.export.mesh import fuse_mesh, load_open3d, write_mesh
+from planfit.export.pdf import find_browser, print_page
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.runtime import Runtime, whole_file, whole_folder
@@ -56,7 +60,7 @@ class ExportArguments:
     format (.las, .laz, .e57), folders with images and depth (`colmap`
     model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out[Path]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
     frame: Literal["world", "plan"] = "world"
     """Axes of the poses: the scan's own, or those of the plan (z up, floor at 0; of a run alone)."""
@@ -68,9 +72,7 @@ class ExportArguments:
     """Of `as-built`: walls that stand off by no more agree; by default what the run was told."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
 
 
 def export_command(arguments: ExportArguments) -> int:
@@ -79,11 +81,11 @@ def export_command(arguments: ExportArguments) -> int:
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
     if arguments.to == "as-built":
-        return export_as_built(arguments.source, target, arguments.tolerance_m)
+        return _export_as_built(arguments.source, target, arguments.tolerance_m)
     if arguments.to == "pdf":
-        return export_report(arguments.source, target)
+        return _export_report(arguments.source, target)
     if arguments.to == "mesh":
-        check_suffix(target)
+        check_mesh_suffix(target)
         require_positive(arguments, "voxel_m", "max_depth_m")
         load_open3d()  # before the scan is read, which can take long
     scan, poses = _load(arguments)
@@ -102,6 +104,44 @@ def export_command(arguments: ExportArguments) -> int:
                 _write_file(arguments, part, scan, poses, runtime)
     tell_scan(scan)
     out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
+    return 0
+
+
+def _export_as_built(folder: Path, target: Path, tolerance_m: float | None) -> int:
+    """Write the walls of a run as built, as a table, drawing or issues; tell."""
+    check_suffix(target, AS_BUILT_WRITERS)
+    require(
+        tolerance_m is None or tolerance_m >= 0,
+        f"tolerance-m: expected 0 or more, found {tolerance_m}",
+    )
+    as_built = read_as_built(folder)
+    AS_BUILT_WRITERS[target.suffix.lower()](target, as_built, tolerance_m)
+    words = _listed(counted(as_built.verdicts(tolerance_m)))
+    if as_built.openings:
+        counts = counted_openings(as_built.openings, as_built.options.openings)
+        words += f"; openings: {_listed(counts)}"
+    out.print(f"written: {target}, {words}", soft_wrap=True)
+    return 0
+
+
+def _listed(counts: Mapping[Any, int]) -> str:
+    """Verdicts that there are, with their numbers."""
+    return ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
+
+
+def _export_report(folder: Path, target: Path) -> int:
+    """Print the report of a run on paper; tell."""
+    check_suffix(target, (".pdf",))
+    page = folder / "report.html"
+    if not page.is_file():
+        raise ScanError(
+            f"{folder}: expected the output folder of planfit refine with its report.html, found none; "
+            "refine the scan first"
+        )
+    find_browser()  # before anything is written
+    with whole_file(target) as part:
+        print_page(page, part)
+    out.print(f"written: {target}", soft_wrap=True)
     return 0
 
 

@@ -3,14 +3,13 @@
 import os
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import tyro
 from jaxtyping import Integer
 
-from planfit.cli.console import StageBars, out, table, tell_scan
-from planfit.errors import OutputError
+from planfit.cli.arguments import Flat, Out
+from planfit.cli.console import StageBars, check_suffix, out, table, tell_scan
 from planfit.report.plots.scan_view import draw_scan_view
 from planfit.runtime import Runtime, write_whole
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -29,22 +28,17 @@ class InspectArguments:
 
     scan: tyro.conf.Positional[Path]
     """Folder of the scan, zip archive of one, or bag."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: Out[Path | None] = None
     """PNG to write: the scan from above."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
+    scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
 
 
 def inspect_command(arguments: InspectArguments) -> int:
     """Read, measure, print, draw."""
-    if arguments.out is not None and arguments.out.suffix.lower() != ".png":
-        raise OutputError(
-            f"{arguments.out}: expected a file of .png, found "
-            f"{arguments.out.suffix or 'no suffix'}; choose another name"
-        )
+    if arguments.out is not None:
+        check_suffix(arguments.out, (".png",))
     scan = read_scan(arguments.scan, options=arguments.scan_options)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, None, bars.update)

@@ -12,8 +12,13 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from planfit import __version__
-from planfit.cli.commands import COMMANDS, Command, overview
-from planfit.cli.known_flags import check_flags, completions, looks_like_flag
+from planfit.cli.commands import (
+    COMMANDS_BY_NAME,
+    Command,
+    looks_like_flag,
+    overview,
+)
+from planfit.cli.completion import completions
 from planfit.cli.speech import USUAL, Speech, speaking, split_speech
 from planfit.errors import OptionError, PlanfitError, did_you_mean
 
@@ -44,7 +49,7 @@ def exit_with(action: Callable[[], int]) -> NoReturn:
 def run(argv: Sequence[str]) -> int:
     """Run a command and give its exit code; errors of the input become one line and exit code 2."""
     if argv and argv[0] == COMPLETE:
-        print("\n".join(completions(argv[1:], [command.name for command in COMMANDS])))
+        print("\n".join(completions(argv[1:])))
         return EXIT_OK
     try:
         words, flags = split_speech(argv)
@@ -58,14 +63,13 @@ def run(argv: Sequence[str]) -> int:
     if name in ("-V", "--version"):
         print(__version__)
         return EXIT_OK
-    commands = {command.name: command for command in COMMANDS}
-    if name not in commands:
-        step = did_you_mean(name, commands) or f"known: {', '.join(commands)}"
+    command = COMMANDS_BY_NAME.get(name)
+    if command is None:
+        step = did_you_mean(name, COMMANDS_BY_NAME) or f"known: {', '.join(COMMANDS_BY_NAME)}"
         if looks_like_flag(name):
             step = "write the command first, as in 'planfit refine SCAN -o OUT'"
         USUAL.error(f"{name}: expected a command of planfit, found none of this name; {step}")
         return EXIT_BAD_INPUT
-    command = commands[name]
     if not {"-h", "--help", *(["--help-all"] if command.is_light else [])}.isdisjoint(rest):
         print(command.help_path.read_text(encoding="utf-8"), end="")
         return EXIT_OK
@@ -110,13 +114,13 @@ def in_one_line(action: Callable[[], int], kept: str, speech: Speech = USUAL) ->
 
 
 def _run_command(command: Command, argv: list[str], speech: Speech) -> int:
-    check_flags(command.name, argv, command.usage)
+    command.check_flags(argv)
     with _stopped_at_once():
         arguments_type, function = command.load()
         if command.is_light:
             return function(arguments_type.from_words(argv))
-        from planfit.cli.arguments import parse
         from planfit.cli.console import speaking_as
+        from planfit.cli.parser import parse
 
         words = ["--help" if word == "--help-all" else word for word in argv]
         arguments = parse(arguments_type, f"planfit {command.name}", words)

@@ -9,8 +9,8 @@ import numpy as np
 import tyro
 from jaxtyping import Float
 
-from planfit.cli.arguments import PlanFlags
-from planfit.cli.console import note, out, table
+from planfit.cli.arguments import Flat, Out, PlanFlags
+from planfit.cli.console import check_suffix, note, out, table
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
@@ -27,7 +27,7 @@ class PlanArguments:
 
     plan: tyro.conf.Positional[Path]
     """File of the plan."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: Out[Path | None] = None
     """File to write: `.png` (faces over the drawing), `.svg`, `.dxf`, or `.json` (lossless)."""
     drop: Annotated[
         tyro.conf.UseAppendAction[tuple[tuple[int, ...], ...]], tyro.conf.arg(metavar="N ...")
@@ -42,7 +42,7 @@ class PlanArguments:
     """JSON file for --drop and --keep-region, for `--plan-edits` of all commands that read a plan."""
     numbers: bool = False
     """Number the faces in the picture."""
-    flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
 
 
 def _write_png(path: Path, floorplan: Floorplan) -> None:
@@ -65,12 +65,8 @@ def plan_command(arguments: PlanArguments) -> int:
     """Read, print, write."""
     writer = None
     if arguments.out is not None:
-        writer = WRITERS.get(arguments.out.suffix.lower())
-        if writer is None:
-            raise OutputError(
-                f"{arguments.out}: expected a file of {', '.join(WRITERS)}, found "
-                f"{arguments.out.suffix or 'no suffix'}; choose one of these"
-            )
+        check_suffix(arguments.out, WRITERS)
+        writer = WRITERS[arguments.out.suffix.lower()]
         if arguments.out.resolve() == arguments.plan.resolve():
             raise OutputError(
                 f"{arguments.out}: expected another file than the plan itself; choose another name"

@@ -1,79 +1,35 @@
-"""`planfit refine`: from files to files."""
+"""`planfit refine`: from files to files, and what is said of the run."""
 
-import os
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TypeVar
 
-import tyro
-
-from planfit.cli.arguments import AlignmentFlags, PlanFlags
+from planfit.adjust.observability import frame_ranges
+from planfit.cli.arguments import SurveyFlags
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
-from planfit.cli.storeys import read_plans, tell_storeys
-from planfit.cli.survey import SurveyFlags, tell_survey
+from planfit.cli.refine_inputs import RefineArguments as RefineArguments
+from planfit.cli.refine_inputs import read_plan, read_scans
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
-from planfit.errors import FloorplanError, require
-from planfit.floorplan import Floorplan, read_floorplan
-from planfit.pipeline.options import RefineOptions
+from planfit.errors import require
+from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.together import TogetherResult, refine_together
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.key_metrics import TruthErrors
-from planfit.report.options import ReportOptions
 from planfit.report.provenance import provenance_now
 from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
-from planfit.saving import RunInputs, result_views, write_run
-from planfit.scan import Scan, ScanOptions, read_scan
-from planfit.survey import Survey
+from planfit.saving import RunInputs, write_run
+from planfit.scan import Scan
+from planfit.scan.joined import short_names
+from planfit.survey import RoleResiduals, Survey, SurveyResiduals
 
-
-@dataclass(frozen=True)
-class RefineArguments:
-    """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan; or, with
-    --no-plan, with itself."""
-
-    scan: tyro.conf.Positional[tuple[Path, ...]]
-    """Folder of the scan, zip archive of one, or bag; several of one storey are refined together."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for the results."""
-    plan: Annotated[
-        tyro.conf.UseAppendAction[tuple[str, ...]], tyro.conf.arg(metavar="[NUMBER=]FILE")
-    ] = ()
-    """Floorplan; by default the one inside the scan's folder. Of a walk through several storeys, that of each
-    by its number: `--plan 0=ground.pdf --plan 1=first.pdf`."""
-    no_plan: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Refine without a plan, even if the scan's folder holds one: by closed loops, floors, ceilings alone."""
-    preset: str = "default"
-    """Options to begin with: `default`, what works best, or `paper`, the published method to the letter."""
-    scan_options: Annotated[ScanOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ScanOptions
-    )
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    alignment_flags: Annotated[AlignmentFlags, tyro.conf.arg(name="")] = field(
-        default_factory=AlignmentFlags
-    )
-    survey_flags: Annotated[SurveyFlags, tyro.conf.arg(name="")] = field(
-        default_factory=SurveyFlags
-    )
-    corrections: Path | None = None
-    """TOML file of corrections by hand (docs/corrections.md): places, loops, frames, walls."""
-    without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
-    """Leave out corrections that others or the scan contradict, and solve again without them; else they are
-    used, as far as they can be, and named."""
-    config: Path | None = None
-    """TOML file of options, on top of the preset and overruled by flags."""
-    overwrite: bool = False
-    """Replace the results of another run in the output folder."""
-    cache: Path | None = None
-    """Folder that keeps finished stages, which runs may share, also at the same time; else OUT/cache."""
-    workers: int = field(default_factory=lambda: os.cpu_count() or 1)
-    """Threads."""
-    report: ReportOptions = field(default_factory=ReportOptions)
-    """The report."""
-    options: Annotated[RefineOptions, tyro.conf.arg(name="")] = field(default_factory=RefineOptions)
+AnyResult = TypeVar("AnyResult", RefineResult, TogetherResult)
 
 
 @dataclass(frozen=True)
@@ -91,10 +47,8 @@ def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
     if len(arguments.scan) > 1:
-        from planfit.cli.together import refine_together_files
-
-        return 0 if refine_together_files(arguments).is_refined else 1
-    return exit_code(refine_files(arguments).verdict)
+        return 0 if _refine_together_files(arguments).is_refined else 1
+    return 0 if refine_files(arguments).verdict.is_refined else 1
 
 
 def refine_files(
@@ -102,110 +56,117 @@ def refine_files(
 ) -> RefineResult:
     """Read, refine, write, summarise; `more_inputs` stand among the inputs in the record."""
     begin = time.perf_counter()
-    # Before anything that takes time: a bad file is told at once.
-    corrections = NO_CORRECTIONS
-    if arguments.corrections is not None:
-        corrections = read_corrections(arguments.corrections)
-    scan = read_scan(
-        _only_scan(arguments), arguments.options.segmentation.reads_masks, arguments.scan_options
-    )
-    floorplan = read_plan(arguments, scan)
-    survey = arguments.survey_flags.read(scan, floorplan is not None)
-    result = refine_into(
-        arguments.out,
-        scan,
-        floorplan,
-        arguments.alignment_flags.added_to(arguments.options),
-        arguments.workers,
-        arguments.overwrite,
-        scan_options=arguments.scan_options,
-        more_inputs={**(more_inputs or {}), **arguments.survey_flags.inputs},
-        report_options=arguments.report,
-        cache=arguments.cache,
-        survey=survey,
-        by_hand=HandChoice(corrections, arguments.without_contradicted),
-    )
-    summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
-    return result
-
-
-def _only_scan(arguments: RefineArguments) -> Path:
     require(
         len(arguments.scan) == 1,
         "refine: expected SCAN -o OUT, found no SCAN; 'planfit refine --help' tells more",
     )
-    return arguments.scan[0]
+    # Before anything that takes time: a bad file is told at once.
+    corrections = NO_CORRECTIONS
+    if arguments.corrections is not None:
+        corrections = read_corrections(arguments.corrections)
+    (scan,) = read_scans(arguments)
+    floorplan = read_plan(arguments, scan)
+    survey = arguments.survey_flags.read(scan, floorplan is not None)
+    more = {**(more_inputs or {}), **arguments.survey_flags.inputs}
+    options = arguments.alignment_flags.added_to(arguments.options)
+    inputs = RunInputs(
+        scan, floorplan, options, arguments.scan_options, arguments.cache, arguments.report, more
+    )
+    by_hand = HandChoice(corrections, arguments.without_contradicted)
+    where = (arguments.out, inputs, arguments.workers, arguments.overwrite)
+    result = refine_into(*where, survey=survey, by_hand=by_hand)
+    summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
+    return result
 
 
-def read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, Floorplan] | None:
-    """The plan to refine against, or those of storeys; None where the user wants none."""
-    if arguments.no_plan:
-        require(
-            not arguments.plan
-            and arguments.plan_flags == PlanFlags()
-            and arguments.alignment_flags == AlignmentFlags(),
-            "--no-plan: expected no flags of a plan beside it, found some; leave out one or the other",
-        )
-        return None
-    if arguments.plan:
-        return read_plans(arguments.plan, arguments.plan_flags.options)
-    if scan.floorplan_path is None:
-        raise FloorplanError(
-            f"{scan.name}: expected a floorplan inside the scan's folder, found none; "
-            "give one with --plan FILE, or refine by closed loops and floor alone with --no-plan"
-        )
-    return read_floorplan(scan.floorplan_path, arguments.plan_flags.options)
+def _refine_together_files(arguments: RefineArguments) -> TogetherResult:
+    """Read all scans, refine them together, write, summarise.
+
+    Raises:
+        ScanError: scans cannot be read: all of them are named, before anything that takes time.
+        OptionError: flags were given that are for one scan.
+    """
+    begin = time.perf_counter()
+    require(
+        arguments.corrections is None
+        and arguments.survey_flags == SurveyFlags()
+        and arguments.scan_options.poses is None,
+        "--corrections, --poses and flags of control points: expected one scan, found "
+        f"{len(arguments.scan)}; give them to a run of that scan alone",
+    )
+    scans = read_scans(arguments)
+    short_names(scans)  # a scan that is given twice is told before the plan is read
+    plan_of = next((scan for scan in scans if scan.floorplan_path is not None), scans[0])
+    floorplan = read_plan(arguments, plan_of)
+    require(
+        not isinstance(floorplan, dict),
+        "--plan: expected one plan for several scans, found plans by storey; refine the scans of each storey "
+        "together, one storey after the other",
+    )
+    assert not isinstance(floorplan, dict)
+    options = arguments.alignment_flags.added_to(arguments.options)
+    inputs = RunInputs(
+        scans[0], floorplan, options, arguments.scan_options, arguments.cache, arguments.report,
+        scans=tuple(scans),
+    )  # fmt: skip
+
+    def solve(runtime: Runtime) -> TogetherResult:
+        return refine_together(scans, floorplan, options, runtime)
+
+    result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
+    summarise_together(arguments.out, result, time.perf_counter() - begin)
+    return result
 
 
 def refine_into(
     folder: Path,
-    scan: Scan,
-    floorplan: Floorplan | dict[int, Floorplan] | None,
-    options: RefineOptions,
+    inputs: RunInputs,
     workers: int,
     overwrite: bool,
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
-    scan_options: ScanOptions | None = None,
-    more_inputs: Mapping[str, str] | None = None,
-    report_options: ReportOptions | None = None,
-    cache: Path | None = None,
     survey: Survey | None = None,
     by_hand: HandChoice = NOTHING_BY_HAND,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
-    `truth_of` gives the errors of a result against true poses, where they are known, for the report.
-    `scan_options` are those that the scan was read with, for the record, and `more_inputs` stand there beside
-    the fingerprints. `report_options`: by default, all of a report. `cache` takes the place of the folder's
-    own. `survey` are control and check points. `by_hand`: corrections, and whether contradicted ones are left
-    out.
+    Args:
+        folder: of the run.
+        inputs: the scan, the plan, the options, and what the record says besides.
+        workers: threads.
+        overwrite: whether another run's results may be replaced.
+        truth_of: gives the errors of a result against true poses, where they are known, for the report.
+        survey: control and check points.
+        by_hand: corrections, and whether contradicted ones are left out.
     """
-    inputs = RunInputs(
-        scan,
-        floorplan,
-        options,
-        scan_options or ScanOptions(),
-        cache,
-        report_options or ReportOptions(),
-        more_inputs or {},
-        made=provenance_now(out.speech.command),
-    )
-    with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
-        runtime = Runtime(workers, cache or run.cache_dir, bars.update)
-        result = refine(
-            scan,
-            floorplan,
-            options,
+
+    def solve(runtime: Runtime) -> RefineResult:
+        return refine(
+            inputs.scan,
+            inputs.floorplan,
+            inputs.options,
             runtime,
             survey=survey,
             corrections=by_hand.corrections,
             without_contradicted=by_hand.without_contradicted,
         )
-        seen = result_views(inputs, result, runtime)
-        with run.writing() as staging:
-            bars.update("write results", 0, 0)
-            write_run(staging, inputs, result, seen, truth_of(result) if truth_of else None)
-        bars.update("write results", 1, 0)
+
+    return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
+
+
+def _solved_into(
+    folder: Path,
+    inputs: RunInputs,
+    workers: int,
+    overwrite: bool,
+    solve: Callable[[Runtime], AnyResult],
+    truth_of: Callable[[AnyResult], TruthErrors] | None = None,
+) -> AnyResult:
+    """Claim the folder, solve, and write the result."""
+    inputs = replace(inputs, made=provenance_now(out.speech.command))
+    with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
+        runtime = Runtime(workers, inputs.cache or run.cache_dir, bars.update)
+        result = solve(runtime)
+        write_run(run, inputs, result, runtime, truth_of(result) if truth_of else None)
     return result
 
 
@@ -220,11 +181,8 @@ def summarise(
     rows = []
     for check in result.checks:
         rows.append([check.name, *(_amount(v, check.unit) for v in (check.before, check.after))])
-    out.print()
-    plan_name = "none: loops, floor and ceilings alone"
-    if result.floorplan is not None:
-        plan_name = result.floorplan.name
-    out.print(f"scan {scan.name}\nplan {plan_name}\n", soft_wrap=True)
+    name = result.floorplan.name if result.floorplan else "none: loops, floor and ceilings alone"
+    out.print(f"\nscan {scan.name}\nplan {name}\n", soft_wrap=True)
     out.print(table("", ["", "before", "after"], rows))
     matches, adjustment = result.matches, result.adjustment
     found = "" if floorplan is None else (
@@ -238,25 +196,73 @@ def summarise(
     )
     if len(result.surfaces):
         out.print(result.surfaces.sentence)
-    stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
-    out.print(f"{seconds:.1f} s: {stages}")
+    _tell_seconds(result, seconds)
     alignment = result.alignment
     if result.storeys is not None:
-        tell_storeys(result.storeys)
+        _tell_storeys(result.storeys)
     if alignment is not None and isinstance(floorplan, Floorplan) and not floorplan.is_metric:
         out.print(
             f"the plan's unit was found to be {alignment.metres_per_unit:.5g} m, within "
             f"{alignment.scale_sigma:.2%} (one standard deviation)"
         )
     if result.survey is not None:
-        tell_survey(result.survey)
-    tell_scan(scan)
+        _tell_survey(result.survey)
+    _tell_end(folder, scan, result)
+
+
+def summarise_together(folder: Path, result: TogetherResult, seconds: float) -> None:
+    """One screen: the scans and their places, the warnings, where the rest is."""
+    together, rows = result.together, []
+    for each in result.scans:
+        outcome, error = "", ""
+        if each.result is not None:
+            outcome = each.result.verdict.outcome.value
+            error = f"{each.result.evidence.predicted_rms_m:.2f} m"
+        rows.append([each.name, str(len(each.scan)), each.placed_by or "no place", outcome, error])
+    name = together.floorplan.name if together.floorplan else "none: the scans alone"
+    out.print(f"\nplan {name}\n", soft_wrap=True)
+    heads = ["frames", "placed by", "verdict", "expected error"]
+    out.print(table("", ["scan", *heads], rows))
+    out.print(
+        f"\n{len(together.plan_from_cams)} frames with a place, {together.matches.n_matches} matches in "
+        f"{len(together.matches.pairs)} pairs, {result.between_pairs} of them between scans"
+    )
+    _tell_seconds(together, seconds)
+    _tell_end(folder, None if together.made_of is None else together.made_of.scan, together)
+
+
+def _tell_seconds(result: RefineResult, seconds: float) -> None:
+    """Seconds in all, and of each stage."""
+    stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
+    out.print(f"{seconds:.1f} s: {stages}")
+
+
+def _tell_end(folder: Path, scan: Scan | None, result: RefineResult) -> None:
+    """Warnings, verdict, where the report is."""
+    if scan is not None:
+        tell_scan(scan)
     if result.by_hand is not None:
         out.print(result.by_hand.sentence)
     for warning in result.warnings:
         note(warning)
     tell_verdict(result.verdict)
     out.print(f"report: {folder / 'report.html'}", soft_wrap=True)
+
+
+def _tell_storeys(storeys: Storeys) -> None:
+    """A line a storey: its floor, its frames, and where its plan lies."""
+    for storey in reversed(storeys.walked):
+        lies = ""
+        if storey.own is not None:
+            x, y, _ = storey.own.plan_from_own[:3, 3]
+            yaw_deg = se3.wrapped_deg(float(se3.yaw_of(storey.own.plan_from_own)))
+            lies = f", its plan turned by {yaw_deg:.2f} deg and moved by ({x:.2f}, {y:.2f}) m"
+            if storey.own.shares_axes:
+                lies = ", its plan as drawn, in shared axes"
+        out.print(
+            f"{storey.name}: floor at {storey.floor_m:.2f} m, frames {frame_ranges(storey.frames)}{lies}",
+            soft_wrap=True,
+        )
 
 
 def tell_verdict(verdict: Verdict) -> None:
@@ -273,10 +279,26 @@ def tell_verdict(verdict: Verdict) -> None:
         err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
 
 
-def exit_code(verdict: Verdict) -> int:
-    """0 for a result to be used as it is, 1 for one that is not."""
-    return 0 if verdict.is_refined else 1
-
-
 def _amount(value: float, unit: str) -> str:
     return f"{value:.0%}" if unit == "share" else f"{value:.3g} {unit}"
+
+
+def _tell_survey(survey: SurveyResiduals) -> None:
+    """Control and check points, a line each."""
+    for name, role in (("control", survey.control), ("check", survey.check)):
+        if role is not None:
+            out.print(_role_words(name, role))
+    if survey.check is None:
+        out.print(
+            "no check points: how well control points fit says nothing of places between them"
+        )
+
+
+def _role_words(name: str, role: RoleResiduals) -> str:
+    """Residuals in one line."""
+    points = "point" if role.count == 1 else "points"
+    height = "" if role.rms_height_m is None else f", height {role.rms_height_m:.3f}"
+    return (
+        f"{role.count} {name} {points}: residual {role.rms_m:.3f} m RMS (horizontal "
+        f"{role.rms_horizontal_m:.3f}{height}), worst {role.worst_m:.3f} m at {role.worst_id}"
+    )

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
-from planfit.cli.config import scan_options_of
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.export.option_files import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.by_hand import corrected_plan
@@ -21,6 +21,7 @@ from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import archive_of, options_of
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
+from planfit.scan.pose_files import take_poses
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
@@ -98,7 +99,18 @@ class RunRecord:
         path = moved_to or self.plan_path
         if path is None:
             return None
-        return _read_plan(path, options, self.n_faces, self.scale_xy, self.corrections)
+        if self.n_faces is None:
+            raise FloorplanError(
+                f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
+                "run 'planfit refine' with it"
+            )
+        floorplan = corrected_plan(read_floorplan(path, options), self.corrections)
+        if len(floorplan) != self.n_faces:
+            raise FloorplanError(
+                f"{path}: expected the {self.n_faces} wall faces that the run read, found "
+                f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
+            )
+        return metric_plan(floorplan, self.scale_xy)
 
 
 def read_record(folder: Path) -> RunRecord:
@@ -137,7 +149,7 @@ def read_record(folder: Path) -> RunRecord:
             plan_from_world_before=_finite(record["plan_from_world_before"], 4, 4),
             convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
             options=replace(options, poses_convention=RECORDED),
-            scan_options=scan_options_of(record, where),
+            scan_options=_scan_options(record, where),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
             corrections=_corrections(record, where),
         )
@@ -145,6 +157,25 @@ def read_record(folder: Path) -> RunRecord:
         raise ScanError(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
+        ) from error
+
+
+def _scan_options(record: dict[str, Any], where: str) -> ScanOptions:
+    """How the run read its scan.
+
+    Raises:
+        ScanError: the record is of another version; the message begins with `where`.
+    """
+    values = dict(record.get("scan_options") or {})
+    for name in FILES_OF_SCAN:
+        if values.get(name):
+            values[name] = Path(values[name])
+    try:
+        return ScanOptions(**values)
+    except TypeError as error:
+        raise ScanError(
+            f"{where}expected scan_options of this version of planfit, found others ({error}); "
+            "run planfit refine again"
         ) from error
 
 
@@ -174,28 +205,6 @@ def _corrections(record: dict[str, Any], where: str) -> Corrections:
     )
 
 
-def _read_plan(
-    path: Path,
-    options: PlanOptions,
-    n_faces: int | None,
-    scale_xy: tuple[float, float],
-    corrections: Corrections,
-) -> Floorplan:
-    """The plan of a run, in metres."""
-    if n_faces is None:
-        raise FloorplanError(
-            f"{path}: expected no plan, as the run was made without one, found one; leave out --plan, or "
-            "run 'planfit refine' with it"
-        )
-    floorplan = corrected_plan(read_floorplan(path, options), corrections)
-    if len(floorplan) != n_faces:
-        raise FloorplanError(
-            f"{path}: expected the {n_faces} wall faces that the run read, found "
-            f"{len(floorplan)}; give the same plan, unit and storey as to 'planfit refine'"
-        )
-    return metric_plan(floorplan, scale_xy)
-
-
 def read_present_scan(path: Path, segmentation: SegmentationOptions, options: ScanOptions) -> Scan:
     """A scan, with masks only where the segmentation reads them.
 
@@ -221,3 +230,14 @@ def _read_record(folder: Path) -> dict[str, Any]:
             f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
         ) from error
     return record if isinstance(record, dict) else {}
+
+
+def poses_of(scan: Scan, path: Path, max_gap_s: float) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of all frames of a scan from a file."""
+    posed = take_poses(scan, path, max_gap_s)
+    if len(posed) < len(scan):
+        raise ScanError(
+            f"{path}: expected a pose for each of {len(scan)} frames, found {len(posed)}; times, or "
+            "frame numbers, must be those of the scan"
+        )
+    return posed.world_from_cams

@@ -2,12 +2,11 @@
 
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import tyro
 
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import Flat, PlanFlags
 from planfit.cli.console import StageBars, out
 from planfit.errors import OptionError, OutputError
 from planfit.floorplan import Floorplan, read_floorplan
@@ -25,8 +24,8 @@ class SynthArguments:
     """Floorplan whose walls are built, in metres; without, a building is made up."""
     walk_file: Path | None = None
     """TUM trajectory in the plan's axes, m, to walk along through the plan, as `--walk.path` does."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
-    options: Annotated[SynthOptions, tyro.conf.arg(name="")] = field(default_factory=SynthOptions)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
+    options: Flat[SynthOptions] = field(default_factory=SynthOptions)
 
 
 def synth_command(arguments: SynthArguments) -> int:

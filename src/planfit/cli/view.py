@@ -5,22 +5,21 @@ import threading
 import webbrowser
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import tyro
 
-from planfit.cli.arguments import PlanFlags
+from planfit.cli.arguments import Flat, PlanFlags, SurveyFlags
 from planfit.cli.console import out
 from planfit.cli.refine import HandChoice, refine_into
 from planfit.cli.run_record import RunRecord, read_present_scan, read_record
-from planfit.cli.survey import SurveyFlags
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
-from planfit.pipeline.options import RefineOptions
 from planfit.report.options import ReportOptions
 from planfit.runtime import options_of
 from planfit.runtime.run_folder import finished_record
+from planfit.saving import RunInputs
 from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer
 
@@ -45,7 +44,7 @@ class ViewArguments:
     """Do not open the page in a browser; its address is printed either way."""
     without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
     """Leave out corrections that others or the scan contradict when solving again."""
-    plan_flags: Annotated[PlanFlags, tyro.conf.arg(name="")] = field(default_factory=PlanFlags)
+    plan_flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)
     """Threads."""
 
@@ -107,18 +106,20 @@ def open_session(arguments: ViewArguments) -> Session:
     def solve(corrections: Corrections) -> None:
         # As the run was made, surveyed points and report included: only corrections are to tell.
         flags = SurveyFlags.of_record(written["inputs"])
+        chosen = options
+        if corrections.places:
+            # Places say which alignment is meant; the number of one counts among those found without them.
+            chosen = replace(options, align=replace(options.align, candidate=1))
+        inputs = RunInputs(
+            scan, floorplan, chosen, record.scan_options, Path(cache) if cache else None, report,
+            flags.inputs,
+        )  # fmt: skip
         refine_into(
             folder,
-            scan,
-            floorplan,
-            _placed_by_hand(options) if corrections.places else options,
+            inputs,
             arguments.workers,
             # The scan may have been moved; the folder is that of this run.
             overwrite=True,
-            scan_options=record.scan_options,
-            more_inputs=flags.inputs,
-            report_options=report,
-            cache=Path(cache) if cache else None,
             survey=flags.read(scan, floorplan is not None),
             by_hand=HandChoice(corrections, arguments.without_contradicted),
         )
@@ -133,11 +134,6 @@ def _given(record: RunRecord, written: dict[str, Any]) -> Corrections:
     if not told or Path(told["file"]).resolve() == (record.folder / FILE).resolve():
         return NO_CORRECTIONS
     return Corrections(told["file"], record.corrections.entries)
-
-
-def _placed_by_hand(options: RefineOptions) -> RefineOptions:
-    """Places say which alignment is meant; the number of one counts among those of a search without them."""
-    return replace(options, align=replace(options.align, candidate=1))
 
 
 def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floorplan | None:

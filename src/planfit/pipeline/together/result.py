@@ -92,7 +92,7 @@ class TogetherResult:
         Raises:
             OutputError: the folder holds other files, is in use, or cannot be written.
         """
-        above("planfit.saving").save_together(self, folder, overwrite=overwrite)
+        above("planfit.saving").save_result(self, folder, overwrite=overwrite)
 
 
 def result_of_scan(

@@ -71,6 +71,12 @@ class Group:
     """Words that choose one of several kinds, and the flags of each."""
     default_choice: str = ""
 
+    def all_choices(self) -> Iterator[str]:
+        """The words that choose a kind, of the groups inside too."""
+        yield from (word for word, _ in self.choices)
+        for group in self.groups:
+            yield from group.all_choices()
+
     def all_flags(self) -> Iterator[Flag]:
         """Those of the groups and choices inside too."""
         yield from self.flags
