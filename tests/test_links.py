@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
-from planfit.export.registration import write_registration
+from planfit.export.tables import write_registration
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.pipeline.links import CUBE_M, WITHIN_CUBES, Link

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from planfit.export.registration import registration_record, write_registration
+from planfit.export.tables import registration_record, write_registration
 from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.strength import LOOPS, DirectionStrength

@@ -16,6 +16,7 @@ from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.alignment.refine import AlignmentHypothesis
 from planfit.evaluation import wall_distances
+from planfit.export.option_files import Provenance, provenance_now
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
@@ -26,14 +27,12 @@ from planfit.report import formatting
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
-from planfit.report.plots.charts import certainty_plot
+from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
-from planfit.report.plots.matches import loop_closures_of, matches_by_frame
 from planfit.report.plots.overlay import draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
-from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.walls import seen_faces
 from planfit.segmentation import (
     Gravity,

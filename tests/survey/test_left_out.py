@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 import planfit
 from builders import make_world
 from planfit.adjust import left_out
-from planfit.export.survey import survey_record, write_survey
+from planfit.export.tables import survey_record, write_survey
 from planfit.report.html.disagreement_section import disagreement_section
-from planfit.report.html.survey_section import survey_section
+from planfit.report.html.registration_section import survey_section
 from surveyed import observed, scan_at, survey_of
 
 QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"]).with_("verdict.folds", 2)

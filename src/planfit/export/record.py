@@ -10,8 +10,7 @@ from planfit.alignment import Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
 from planfit.export.option_files import plain
-from planfit.export.registration import registration_record
-from planfit.export.survey import survey_record
+from planfit.export.tables import registration_record, survey_record
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration

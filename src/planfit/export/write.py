@@ -8,11 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
-from planfit.export.loops import loop_edges
-from planfit.export.matches_file import MATCHES, write_matches
-from planfit.export.registration import write_registration
-from planfit.export.sigmas import write_sigmas
-from planfit.export.survey import write_survey
+from planfit.export.matches_file import MATCHES, loop_edges, write_matches
+from planfit.export.tables import write_registration, write_sigmas, write_survey
 from planfit.lsq.g2o import PoseGraph, write_g2o
 from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult

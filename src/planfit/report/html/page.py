@@ -10,6 +10,7 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
+from planfit.export.option_files import Provenance
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
@@ -17,18 +18,15 @@ from planfit.pipeline.survey_residuals import contradicted_words
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.disagreement_section import disagreement_section
-from planfit.report.html.registration_section import registration_section
+from planfit.report.html.registration_section import registration_section, survey_section
 from planfit.report.html.scans_section import scans_section
 from planfit.report.html.sensor import sensor_section
 from planfit.report.html.storey_section import storeys
-from planfit.report.html.survey_section import survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
-from planfit.report.measures import BeforeAfter, measure
+from planfit.report.measures import BeforeAfter, measure, measure_storeys
 from planfit.report.plots.top_view import crop_to_scan
-from planfit.report.provenance import Provenance
 from planfit.report.scene.scene import Scene
-from planfit.report.storey_measures import measure_storeys
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
 

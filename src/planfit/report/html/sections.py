@@ -19,6 +19,12 @@ from planfit.report.html.as_built_section import as_built_section
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts
+from planfit.report.plots.charts import (
+    loop_closure_map,
+    loop_closures_of,
+    matches_by_frame,
+    matches_plot,
+)
 from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
 from planfit.report.plots.drawing import (
@@ -29,12 +35,6 @@ from planfit.report.plots.drawing import (
     UNMATCHED,
     Picture,
     Side,
-)
-from planfit.report.plots.matches import (
-    loop_closure_map,
-    loop_closures_of,
-    matches_by_frame,
-    matches_plot,
 )
 from planfit.report.plots.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
 from planfit.report.plots.top_view import Crop, Mark

@@ -10,7 +10,7 @@ from planfit.pipeline.sensor import SensorParameter, sensor_warnings
 from planfit.report import formatting
 from planfit.report.html.sections import captioned
 from planfit.report.html.tables import table
-from planfit.report.plots.depth_error import FAR_M, NEAR_M, depth_error_plot
+from planfit.report.plots.charts import FAR_M, NEAR_M, depth_error_plot
 
 _DIGITS = {"": 4, "m": 3, "1/m": 4, "px": 1}
 

@@ -11,8 +11,8 @@ from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.sections import overview
+from planfit.report.measures import StoreyMeasures
 from planfit.report.plots.top_view import Crop
-from planfit.report.storey_measures import StoreyMeasures
 from planfit.segmentation import NO_STOREY
 
 

@@ -1,14 +1,18 @@
-"""Plots beside the overlay: distances, floor, correction of each frame, walls of the plan."""
+"""Charts over frames and distances: fit to the plan, correction, predicted error, error of depth, matches."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.collections import LineCollection
 from matplotlib.ticker import MaxNLocator
 
 from planfit.adjust.association import wall_patches_in_plan
+from planfit.adjust.calibration import SHARED, Calibration
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
+from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Verdict
 from planfit.report.measures import BeforeAfter, Measures
@@ -40,8 +44,16 @@ from planfit.report.plots.overlay import (
     add_legend,
     view_figure,
 )
-from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, find_gaps, set_up_view
+from planfit.report.plots.top_view import (
+    Crop,
+    draw_faces,
+    draw_paths,
+    draw_scale,
+    find_gaps,
+    set_up_view,
+)
 from planfit.report.walls import SeenFace
+from planfit.scan.joined import FramesOfScan
 
 FLOOR_RANGE_M = 0.2
 _MIN_CELL_M, _MAX_CELLS = 0.1, 160
@@ -233,3 +245,108 @@ def _medians(
     order = np.lexsort((values, group))
     found, start, counts = np.unique(group[order], return_index=True, return_counts=True)
     return found, values[order][start + counts // 2]
+
+
+NEAR_M, FAR_M = 0.5, 8.0
+"""The plot is drawn between these: nearer, few cameras measure; further, points take no part."""
+_LEAST_CM = 2.0
+"""Of the axis to either side, so that millimetres do not look like a fault."""
+_DEPTH = ("depth_scale", "depth_offset_m", "depth_quadratic_per_m")
+
+
+def depth_errors_m(
+    calibration: Calibration, depths_m: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Error of measured depths before, after, and one standard deviation of both.
+
+    Before: measured less corrected. After: what is left by the calibration's own account, nothing. The
+    standard deviation takes the parameters that were kept as independent; where none was, the largest of each
+    alone.
+    """
+    before = depths_m - calibration.sensor.depths(depths_m)
+    idx = [SHARED.index(name) for name in _DEPTH]
+    powers = np.stack([depths_m, np.ones_like(depths_m), depths_m**2])
+    spread = powers * calibration.sigmas[idx][:, None]
+    is_kept = calibration.is_kept[idx]
+    kept = np.sqrt(np.sum(spread[is_kept] ** 2, axis=0))
+    return before, np.zeros_like(before), kept if is_kept.any() else spread.max(axis=0)
+
+
+def depth_error_plot(calibration: Calibration, farthest_m: float) -> Picture:
+    """Error (cm) over distance (m), from `NEAR_M` to the farthest point seen."""
+    depths_m = np.linspace(NEAR_M, farthest_m, 100)
+    before, after, sigma = (100 * e for e in depth_errors_m(calibration, depths_m))
+    figure = new_figure(PANEL_IN, 2.9)
+    axes = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, 2.9 - 0.42 - LEGEND_IN)
+    axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
+    axes.fill_between(depths_m, after - sigma, after + sigma, color=AFTER, alpha=0.18, linewidth=0)
+    axes.plot(depths_m, before, color=BEFORE, linewidth=1.5, zorder=3)
+    axes.plot(depths_m, after, color=AFTER, linewidth=1.5, zorder=2)
+    axes.set_xlim(NEAR_M, farthest_m)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, -_LEAST_CM), max(high, _LEAST_CM))
+    label_axes(axes, "distance (m)", "measured less true depth (cm)")
+    add_legend(axes, [("before", BEFORE, "-"), ("after", AFTER, "-")])
+    return to_picture(figure)
+
+
+_HEIGHT_IN = 2.4
+
+
+def loop_closures_of(
+    matches: Matches, min_frames: int, keyframe_idx: Int[np.ndarray, " k"]
+) -> Int[np.ndarray, "c 2"]:
+    """Verified pairs of frames that are more than `min_frames` keyframes apart."""
+    apart = np.diff(np.searchsorted(keyframe_idx, matches.pairs), axis=1)[:, 0]
+    return matches.pairs[apart > min_frames]
+
+
+def matches_by_frame(matches: Matches, n_frames: int) -> Int[np.ndarray, " n"]:
+    """Matched points that each frame takes part in."""
+    counts = np.diff(matches.start)
+    by_frame = np.zeros(n_frames)
+    for side in (0, 1):
+        by_frame += np.bincount(matches.pairs[:, side], counts, n_frames)
+    return by_frame.astype(int)
+
+
+def loop_closure_map(
+    plan_ends: Float[np.ndarray, "f 2 2"],
+    trajectory: Float[np.ndarray, "n 3"],
+    loop_closures: Int[np.ndarray, "c 2"],
+    crop: Crop,
+    width_in: float,
+    scans: Sequence[FramesOfScan] = (),
+) -> Picture:
+    """A line for each loop closure, between the camera centres (m) of its two frames."""
+    figure, axes = view_figure(crop, width_in, LEGEND_IN)
+    set_up_view(axes, crop, len(plan_ends) > 0)
+    draw_faces(axes, crop, plan_ends, LIGHT)
+    draw_paths(axes, trajectory[:, :2], scans, 0.7)
+    lines = LineCollection(
+        list(trajectory[loop_closures][:, :, :2]), colors=AFTER, linewidths=0.8, alpha=0.6, zorder=4
+    )
+    axes.add_collection(lines, autolim=False)
+    draw_scale(axes, crop)
+    entries: list[Entry] = [("loop closure, verified", AFTER, "-")]
+    add_legend(axes, entries)
+    return to_picture(figure, clicks_of("plan", axes))
+
+
+def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, " k"]) -> Picture:
+    """Matched points of each keyframe; those without any are marked."""
+    figure = new_figure(PANEL_IN, _HEIGHT_IN)
+    axes = add_axes(figure, 0.6, 0.42, PANEL_IN - 0.75, _HEIGHT_IN - 0.42 - LEGEND_IN)
+    axes.fill_between(keyframe_idx, by_frame, step="mid", color=AFTER, alpha=0.25, linewidth=0)
+    axes.plot(keyframe_idx, by_frame, color=AFTER, linewidth=1.0, drawstyle="steps-mid")
+    none = keyframe_idx[by_frame == 0]
+    axes.plot(none, np.zeros(len(none)), "s", color=UNMATCHED, markersize=4, clip_on=False)
+    axes.set_xlim(0, max(int(keyframe_idx[-1]), 1))
+    axes.set_ylim(bottom=0)
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+    label_axes(axes, "frame", "matched points")
+    entries: list[Entry] = [("matched points", AFTER, "-")]
+    if len(none):
+        entries.append(("none", UNMATCHED, "s"))
+    add_legend(axes, entries)
+    return to_picture(figure, clicks_of("frames", axes))

@@ -13,7 +13,7 @@ from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
-from planfit.report.measures import BeforeAfter, Measures, measure
+from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
 from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
@@ -39,7 +39,6 @@ from planfit.report.plots.top_view import (
     draw_scale,
     set_up_view,
 )
-from planfit.report.storey_measures import measure_storeys
 
 LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
 _TITLE_IN = 0.3
