@@ -28,10 +28,9 @@ from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
-from planfit.report.plots.close_ups import choose_close_ups
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
-from planfit.report.plots.overlay import draw_overlay
+from planfit.report.plots.overlay import choose_close_ups, draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
 from planfit.report.walls import seen_faces
 from planfit.segmentation import (

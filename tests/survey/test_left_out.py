@@ -13,7 +13,7 @@ import planfit
 from builders import make_world
 from planfit.adjust import left_out
 from planfit.export.tables import survey_record, write_survey
-from planfit.report.html.disagreement_section import disagreement_section
+from planfit.report.html.certainty_section import disagreement_section
 from planfit.report.html.registration_section import survey_section
 from surveyed import observed, scan_at, survey_of
 
