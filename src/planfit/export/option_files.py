@@ -1,6 +1,7 @@
 """What a run was made with: options as TOML text and as plain values, versions and command."""
 
 import dataclasses
+import math
 import platform
 import time
 from dataclasses import dataclass
@@ -30,6 +31,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     return value
+
+
+def finite(value: float | None) -> float | None:
+    """A number for JSON, which has no NaN and no infinity; None in their place."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def scan_options_record(options: ScanOptions) -> dict[str, Any]:

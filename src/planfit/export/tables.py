@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.uncertainty import radius_95
+from planfit.export.option_files import finite
 from planfit.pipeline.registration import Registration
 from planfit.pipeline.survey_residuals import contradicted_words
 from planfit.survey import RoleResiduals, SurveyResiduals
@@ -19,17 +20,17 @@ SIGMA_HEADER = "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg
 
 
 def write_sigmas(
-    folder: Path, timestamps: Float[np.ndarray, " n"], covariances: Float[np.ndarray, "n 6 6"]
+    path: Path, timestamps: Float[np.ndarray, " n"], covariances: Float[np.ndarray, "n 6 6"]
 ) -> None:
-    """Write `trajectory_sigma.csv` and `covariances.npz`.
+    """Write `trajectory_sigma.csv`.
 
     Args:
-        folder: it is there.
+        path: of the file.
         timestamps: of the frames, as in `trajectory.tum`.
         covariances: of their poses [rad^2, rad m, m^2], tangents (rotation, translation), axes of the plan.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: it cannot be written.
     """
     variances = np.einsum("nii->ni", covariances)
     rotation_deg = np.rad2deg(np.sqrt(variances[:, :3].sum(axis=1)))
@@ -40,16 +41,14 @@ def write_sigmas(
         f"{k},{time:.9g}," + ",".join(f"{value:.6f}" for value in row)
         for k, (time, row) in enumerate(zip(timestamps, table, strict=True))
     ]
-    text = "\n".join([SIGMA_HEADER, *lines]) + "\n"
-    (folder / "trajectory_sigma.csv").write_text(text, encoding="utf-8")
-    np.savez(folder / "covariances.npz", covariances=covariances)
+    _write_lines(path, [SIGMA_HEADER, *lines])
 
 
 REGISTRATION_HEADER = "residual,unit,before,fit,held_out,count"
 """Columns of `registration.csv`, as docs/outputs.md has them."""
 
 
-def write_registration(folder: Path, registration: Registration) -> None:
+def write_registration(path: Path, registration: Registration) -> None:
     """Write `registration.csv`.
 
     Raises:
@@ -90,7 +89,7 @@ def write_registration(folder: Path, registration: Registration) -> None:
     for name, value in accuracy.items():
         if value is not None and math.isfinite(value):
             lines.append(f'"{name}",m,,,{value:.6f},')
-    (folder / "registration.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _write_lines(path, lines)
 
 
 def _line(name: str, unit: str, numbers: Iterable[float | None], count: int) -> str:
@@ -101,35 +100,31 @@ def _line(name: str, unit: str, numbers: Iterable[float | None], count: int) -> 
 
 def registration_record(registration: Registration) -> dict[str, Any]:
     """For `run.json`."""
-
-    def plain(value: float | None) -> float | None:
-        return None if value is None or not math.isfinite(value) else float(value)
-
     return {
         "residuals": [
             {
                 "name": row.name,
                 "unit": row.unit,
-                "before": plain(row.before),
-                "fit": plain(row.fit),
-                "held_out": plain(row.held_out),
+                "before": finite(row.before),
+                "fit": finite(row.fit),
+                "held_out": finite(row.held_out),
                 "count": row.count,
             }
             for row in registration.rows
         ],
         "strength": {
             each.direction: {
-                "sigma": plain(each.sigma),
+                "sigma": finite(each.sigma),
                 "unit": each.unit,
                 "shares": dict(each.shares),
                 "weakest_frames": list(each.weakest_frames),
-                "weakest_share": plain(each.weakest_share),
+                "weakest_share": finite(each.weakest_share),
             }
             for each in registration.strength
         },
-        "predicted_95_m": plain(registration.predicted_95_m),
-        "checked_95_m": plain(registration.checked_95_m),
-        "stated_95_m": plain(registration.stated_95_m),
+        "predicted_95_m": finite(registration.predicted_95_m),
+        "checked_95_m": finite(registration.checked_95_m),
+        "stated_95_m": finite(registration.stated_95_m),
         "usibd_loa": registration.loa or None,
         "basis": registration.basis,
     }
@@ -142,7 +137,7 @@ SURVEY_HEADER = (
 """Columns of `control_points.csv`, as docs/outputs.md has them."""
 
 
-def write_survey(folder: Path, survey: SurveyResiduals) -> None:
+def write_survey(path: Path, survey: SurveyResiduals) -> None:
     """Write `control_points.csv`.
 
     Raises:
@@ -169,7 +164,7 @@ def write_survey(folder: Path, survey: SurveyResiduals) -> None:
         )
         contradicted = "" if point.is_check else "yes" if point.is_contradicted else "no"
         lines.append(",".join([name, role, str(point.n_marks), *cells, contradicted]))
-    (folder / "control_points.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    _write_lines(path, lines)
 
 
 def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
@@ -188,11 +183,13 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
                 "id": point.id,
                 "role": "check" if point.is_check else "control",
                 "marks": point.n_marks,
-                "residual_m": _numbers(point.residual_m),
+                "residual_m": [finite(v) for v in point.residual_m],
                 "sigma_m": point.sigma_m,
-                "left_out_m": None if point.left_out_m is None else _numbers(point.left_out_m),
-                "left_out_sigma_m": _numbers([point.left_out_sigma_m])[0],
-                "left_out_sigmas": _numbers([point.left_out_sigmas])[0],
+                "left_out_m": None
+                if point.left_out_m is None
+                else [finite(v) for v in point.left_out_m],
+                "left_out_sigma_m": finite(point.left_out_sigma_m),
+                "left_out_sigmas": finite(point.left_out_sigmas),
                 "is_contradicted": point.is_contradicted,
                 "swapped_with": point.swapped_with or None,
             }
@@ -201,10 +198,6 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
         "contradicted": contradicted_words(survey.points),
         "unseen": list(survey.unseen),
     }
-
-
-def _numbers(values: Iterable[float]) -> list[float | None]:
-    return [float(v) if np.isfinite(v) else None for v in values]
 
 
 def _role_record(role: RoleResiduals | None) -> dict[str, Any] | None:
@@ -218,3 +211,7 @@ def _role_record(role: RoleResiduals | None) -> dict[str, Any] | None:
         "worst_m": role.worst_m,
         "worst": role.worst_id,
     }
+
+
+def _write_lines(path: Path, lines: Iterable[str]) -> None:
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
