@@ -16,7 +16,6 @@ from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.alignment.refine import AlignmentHypothesis
 from planfit.evaluation import wall_distances
-from planfit.export.option_files import Provenance, provenance_now
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
@@ -27,6 +26,7 @@ from planfit.report import formatting
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
+from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture

@@ -9,13 +9,7 @@ from planfit import __version__
 from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
 from planfit.errors import OptionError
 from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
-from planfit.export.option_files import (
-    Provenance,
-    plain,
-    provenance_now,
-    scan_options_record,
-    to_toml,
-)
+from planfit.export.option_files import plain, scan_options_record, to_toml
 from planfit.export.record import make_record
 from planfit.export.write import write_results
 from planfit.floorplan import Floorplan
@@ -25,7 +19,7 @@ from planfit.pipeline.together import TogetherResult
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.measures import CloudXY, measure
-from planfit.report.options import ReportOptions
+from planfit.report.options import Provenance, ReportOptions, provenance_now
 from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.report.scene.make import make_scene

@@ -15,14 +15,13 @@ from planfit.cli.storeys import read_plans, tell_storeys
 from planfit.cli.survey import SurveyFlags, tell_survey
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
 from planfit.errors import FloorplanError, require
-from planfit.export.option_files import provenance_now
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.key_metrics import TruthErrors
-from planfit.report.options import ReportOptions
+from planfit.report.options import ReportOptions, provenance_now
 from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, result_views, write_run

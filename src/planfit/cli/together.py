@@ -7,9 +7,9 @@ from planfit.cli.console import StageBars, note, out, table, tell_scan
 from planfit.cli.refine import RefineArguments, read_plan, tell_verdict
 from planfit.cli.survey import SurveyFlags
 from planfit.errors import ScanError, require
-from planfit.export.option_files import provenance_now
 from planfit.floorplan import Floorplan
 from planfit.pipeline.together import TogetherResult, refine_together
+from planfit.report.options import provenance_now
 from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, result_views, write_together

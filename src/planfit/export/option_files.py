@@ -1,15 +1,10 @@
-"""What a run was made with: options as TOML text and as plain values, versions and command."""
+"""Options as TOML text and as plain values, for the report and the record of a run."""
 
 import dataclasses
 import math
-import platform
-import time
-from dataclasses import dataclass
 from enum import Enum
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from planfit import __version__
 from planfit.scan import ScanOptions
 
 FILES_OF_SCAN = ("poses", "calibration")
@@ -63,35 +58,3 @@ def _toml(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
     return repr(value)
-
-
-_LIBRARIES = {
-    "NumPy": "numpy",
-    "SciPy": "scipy",
-    "numba": "numba",
-    "OpenCV": "opencv-python-headless",
-}
-"""Those that results may depend on, by how they are called."""
-
-
-@dataclass(frozen=True)
-class Provenance:
-    """Of a run."""
-
-    at: str
-    """Date, time, and offset from UTC."""
-    command: str
-    """The command line as it was typed; nothing where a program called planfit."""
-    versions: dict[str, str]
-    """Of planfit, Python and the libraries that results may depend on."""
-
-
-def provenance_now(command: str = "") -> Provenance:
-    """Of a run that begins now."""
-    versions = {"planfit": __version__, "Python": platform.python_version()}
-    for name, distribution in _LIBRARIES.items():
-        try:
-            versions[name] = version(distribution)
-        except PackageNotFoundError:  # another build of it, as OpenCV has several
-            continue
-    return Provenance(time.strftime("%Y-%m-%d %H:%M:%S %z"), command, versions)

@@ -11,7 +11,6 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
-from planfit.export.option_files import Provenance
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
@@ -24,6 +23,7 @@ from planfit.report.html.registration_section import registration_section, surve
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import BeforeAfter, measure, measure_storeys
+from planfit.report.options import Provenance
 from planfit.report.plots.top_view import Crop, crop_to_scan
 from planfit.report.scene.scene import Scene
 
