@@ -251,7 +251,7 @@ def no_pictures(monkeypatch):
     """Plots are made but not rendered, for tests of words."""
     blank = Picture(b"", 1, 1)
     monkeypatch.setattr("planfit.report.plots.overlay.to_picture", lambda *_: blank)
-    for module in ("charts", "matches", "cross_sections"):
+    for module in ("charts", "maps", "cross_sections"):
         monkeypatch.setattr(f"planfit.report.plots.{module}.to_picture", lambda *_: blank)
 
 
