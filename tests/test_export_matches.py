@@ -7,8 +7,14 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.errors import OutputError
-from planfit.export.loops import FLOOR_DEG, FLOOR_M, loop_edges
-from planfit.export.matches_file import MATCHES, read_matches, write_matches
+from planfit.export.matches_file import (
+    FLOOR_DEG,
+    FLOOR_M,
+    MATCHES,
+    loop_edges,
+    read_matches,
+    write_matches,
+)
 from planfit.export.observations import observe
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera

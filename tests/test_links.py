@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
-from planfit.export.registration import write_registration
+from planfit.export.tables import write_registration
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.pipeline.links import CUBE_M, WITHIN_CUBES, Link
@@ -108,7 +108,7 @@ def test_on_the_page_and_in_the_table_the_worst_first(tmp_path):
     by_surfaces = Link((4, 7), (15, 19), float("nan"), 0.9, 0.4, 0, 2)
     found = register(replace(evidence_of(0.002), links=(*links, by_surfaces)), (), None)
     assert found.links[0] == by_surfaces
-    write_registration(tmp_path, found)
+    write_registration(tmp_path / "registration.csv", found)
     lines = (tmp_path / "registration.csv").read_text().splitlines()
     told = [line for line in lines if line.startswith('"link of')]
     assert len(told) == 2 * (MAX_ROWS + 3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from planfit.export.registration import registration_record, write_registration
+from planfit.export.tables import registration_record, write_registration
 from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.strength import LOOPS, DirectionStrength
@@ -119,7 +119,7 @@ def test_frames_without_a_place_have_no_say():
 def test_files_and_page_say_the_same(tmp_path):
     survey = residuals_of([[0.01, 0, 0]], [[0.03, 0.04, np.nan], [0.0, 0.02, np.nan]])
     found = register(evidence_of(0.002, visits=[VISIT]), (WALLS,), survey)
-    write_registration(tmp_path, found)
+    write_registration(tmp_path / "registration.csv", found)
     lines = (tmp_path / "registration.csv").read_text().splitlines()
     assert lines[0] == "residual,unit,before,fit,held_out,count"
     assert '"check points, RMS",m,,,0.038079,2' in lines
@@ -137,7 +137,7 @@ def test_error_of_each_loop_and_what_fixes_each_direction(tmp_path):
     evidence = replace(evidence_of(0.002, visits=[VISIT, OPEN_VISIT]), strength=(STRENGTH,))
     found = register(evidence, (WALLS,), None)
     assert found.loops == (OPEN_VISIT, VISIT)  # the worst first
-    write_registration(tmp_path, found)
+    write_registration(tmp_path / "registration.csv", found)
     lines = (tmp_path / "registration.csv").read_text().splitlines()
     assert all(len(next(csv.reader([line]))) == 6 for line in lines)
     loops = [line for line in lines if line.startswith('"loop of')]

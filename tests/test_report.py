@@ -26,14 +26,12 @@ from planfit.report import formatting
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
 from planfit.report.measures import measure
-from planfit.report.plots.charts import certainty_plot
-from planfit.report.plots.close_ups import choose_close_ups
+from planfit.report.options import Provenance, provenance_now
+from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import Picture
-from planfit.report.plots.matches import loop_closures_of, matches_by_frame
-from planfit.report.plots.overlay import draw_overlay
+from planfit.report.plots.overlay import choose_close_ups, draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
-from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.walls import seen_faces
 from planfit.segmentation import (
     Gravity,
@@ -253,7 +251,7 @@ def no_pictures(monkeypatch):
     """Plots are made but not rendered, for tests of words."""
     blank = Picture(b"", 1, 1)
     monkeypatch.setattr("planfit.report.plots.overlay.to_picture", lambda *_: blank)
-    for module in ("charts", "matches", "cross_sections"):
+    for module in ("charts", "maps", "cross_sections"):
         monkeypatch.setattr(f"planfit.report.plots.{module}.to_picture", lambda *_: blank)
 
 

@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from planfit.adjust.calibration import NOT_CALIBRATED, SHARED, Calibration
 from planfit.geometry.calibration import SensorCalibration
-from planfit.report.plots.depth_error import depth_errors_m
+from planfit.report.plots.charts import depth_errors_m
 
 DEPTHS_M = np.array([1.0, 2.0, 4.0])
 

@@ -22,7 +22,7 @@ from planfit.evaluation import (
     wall_distances,
     wall_layers,
 )
-from planfit.evaluation.sampling import thin
+from planfit.evaluation.map_quality import thin
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.observations import Observations, extract_observations

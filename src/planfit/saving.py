@@ -19,10 +19,9 @@ from planfit.pipeline.together import TogetherResult
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.measures import CloudXY, measure
-from planfit.report.options import ReportOptions
+from planfit.report.options import Provenance, ReportOptions, provenance_now
 from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
-from planfit.report.provenance import Provenance, provenance_now
 from planfit.report.scene.make import make_scene
 from planfit.report.scene.pictures import make_pictures
 from planfit.report.scene.scene import Scene

@@ -10,8 +10,7 @@ from pathlib import Path
 
 from batch_results import write_results
 
-from planfit.batch.perform import perform
-from planfit.batch.process import read_errand
+from planfit.batch.process import perform, read_errand
 from planfit.errors import ScanError
 
 errand = read_errand(sys.stdin.buffer)

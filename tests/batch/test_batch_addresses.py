@@ -16,7 +16,7 @@ from planfit.batch.addresses import staged
 from planfit.batch.inputs import stamp_of
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import End
-from planfit.batch.perform import Errand, perform
+from planfit.batch.process import Errand, perform
 from planfit.errors import OptionError, ScanError
 
 fsspec = pytest.importorskip("fsspec", reason="planfit[remote] is not installed")

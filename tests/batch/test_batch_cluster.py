@@ -13,9 +13,8 @@ from planfit.batch.cluster import run_on_cluster
 from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import End
-from planfit.batch.perform import Errand
 from planfit.batch.pool import Task
-from planfit.batch.process import Launcher
+from planfit.batch.process import Errand, Launcher
 from planfit.errors import OptionError
 
 pytest.importorskip("distributed", reason="planfit[cluster] is not installed")

@@ -13,9 +13,8 @@ from batch_results import is_gone, until
 from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import End
-from planfit.batch.perform import Errand
 from planfit.batch.pool import LocalPool, Task
-from planfit.batch.process import Launcher
+from planfit.batch.process import Errand, Launcher
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no signals")
 LAUNCHER = Launcher("performed_job")

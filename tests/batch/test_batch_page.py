@@ -12,8 +12,7 @@ from filelock import FileLock
 from browser_probe import BROWSER, found_in
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import JOB_KEY, End, State
-from planfit.batch.page import write_page
-from planfit.batch.summary import Result
+from planfit.batch.page import Result, write_page
 
 OUTCOMES = {
     "refined": Result.REFINED,

@@ -11,7 +11,7 @@ from batch_results import write_results
 from planfit.batch.inputs import inputs_of, stamp_of
 from planfit.batch.jobs import Job, Option
 from planfit.batch.ledger import End, key_of
-from planfit.batch.perform import Errand, perform
+from planfit.batch.process import Errand, perform
 from planfit.errors import ScanError
 
 

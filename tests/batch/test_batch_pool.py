@@ -8,9 +8,8 @@ from planfit.batch.inputs import Stamp
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import End
 from planfit.batch.memory import GB
-from planfit.batch.perform import Errand
 from planfit.batch.pool import LocalPool, Task
-from planfit.batch.process import Launcher
+from planfit.batch.process import Errand, Launcher
 
 SMALL = Stamp("", 10, 1)
 

@@ -9,7 +9,7 @@ import pytest
 
 import reference
 from planfit.batch.jobs import OWN_COLUMNS, Job, read_jobs
-from planfit.batch.summary import JobRow, Result
+from planfit.batch.page import JobRow, Result
 from planfit.cli import run
 from planfit.cli.batch import columns, exit_code, parse_shard
 

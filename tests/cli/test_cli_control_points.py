@@ -9,7 +9,7 @@ import pytest
 
 from planfit.cli import run
 from planfit.floorplan import read_floorplan
-from planfit.report.plots.rim import BOTTOM_PX, RIGHT_PX, with_rim
+from planfit.report.plots.plan_picture import BOTTOM_PX, RIGHT_PX, with_rim
 
 
 def true_points(scan: Path) -> list[tuple[np.ndarray, np.ndarray]]:

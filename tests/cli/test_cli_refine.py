@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import planfit
 from planfit.cli import run
 from planfit.evaluation import position_errors
+from planfit.export.write import FILES
 from planfit.scan import read_scan, read_tum, write_tum
 
 
@@ -31,6 +32,7 @@ def test_every_file_of_the_outputs_page_is_written(finished: Path) -> None:
     names = re.findall(r"^\| `OUT/([^`]+)`(?:, `([^`]+)`)?", of_refine, flags=re.MULTILINE)
     expected = {name.rstrip("/") for pair in names for name in pair if name}
     assert expected == {path.name for path in finished.iterdir()}
+    assert set(FILES) <= expected | set(re.findall(r"`OUT/([^`/]+)`", of_refine))
 
 
 def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:

@@ -19,9 +19,9 @@ from planfit.evaluation import (
     largest_stretches,
     pose_differences,
 )
+from planfit.evaluation.agreement import looked_through_share, near_pairs, read_thumbnails
 from planfit.evaluation.comparison import _match_metrics
 from planfit.evaluation.evaluate import RefinedPoses
-from planfit.evaluation.free_space import looked_through_share, near_pairs, read_thumbnails
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.report.comparison_words import conclusion

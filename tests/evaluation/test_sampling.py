@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import CAMERA, NoFiles, random_transforms
 from planfit.errors import OptionError
 from planfit.evaluation import MapOptions, MapSample, sample_depth_maps
-from planfit.evaluation.sampling import thin
+from planfit.evaluation.map_quality import thin
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan

@@ -12,9 +12,9 @@ from numpy.testing import assert_allclose
 import planfit
 from builders import make_world
 from planfit.adjust import left_out
-from planfit.export.survey import survey_record, write_survey
-from planfit.report.html.disagreement_section import disagreement_section
-from planfit.report.html.survey_section import survey_section
+from planfit.export.tables import survey_record, write_survey
+from planfit.report.html.certainty_section import disagreement_section
+from planfit.report.html.registration_section import survey_section
 from surveyed import observed, scan_at, survey_of
 
 QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"]).with_("verdict.folds", 2)
@@ -174,7 +174,7 @@ def test_a_run_without_a_survey_leaves_nothing_out(walk):
 
 def test_the_table_and_the_report_have_both_residuals(walk, tmp_path):
     result = refined(walk, with_point(moved(walk[3], 2, (0.06, 0.0, 0.0)), 5, is_check=True))
-    write_survey(tmp_path, result.survey)
+    write_survey(tmp_path / "control_points.csv", result.survey)
     with (tmp_path / "control_points.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["contradicted"] for row in rows] == ["no", "no", "yes", "no", "no", ""]

@@ -13,7 +13,7 @@ from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.runtime import Runtime
 from planfit.survey import Mark, Survey, SurveyPoint, find_marks
-from planfit.survey.tags import FAMILIES, detect, find_tags
+from planfit.survey.marks import FAMILIES, detect, find_tags
 from surveyed import scan_at
 
 CAMERA = Camera(320, 240, 260.0, 255.0, 158.0, 121.0)

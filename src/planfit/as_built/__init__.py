@@ -2,7 +2,7 @@
 (docs/as-built.md)."""
 
 from planfit.as_built.compare import compare_as_built, judge_walls
-from planfit.as_built.deviations import Deviation, deviations
+from planfit.as_built.deviations import Deviation, deviations, in_words, title
 from planfit.as_built.openings import (
     AsBuiltOpening,
     ClosedBy,
@@ -14,7 +14,6 @@ from planfit.as_built.openings import (
 )
 from planfit.as_built.record import AS_BUILT, read_as_built, write_as_built
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, counted
-from planfit.as_built.words import in_words, title
 
 __all__ = [
     "AS_BUILT",

@@ -8,9 +8,8 @@ from typing import Any
 
 from planfit.batch.ledger import End, State
 from planfit.batch.memory import Expectation
-from planfit.batch.perform import Errand
 from planfit.batch.pool import Task, tell_nobody
-from planfit.batch.process import MAX_TRIES, Launcher
+from planfit.batch.process import MAX_TRIES, Errand, Launcher
 from planfit.errors import OptionError, OutputError
 
 MEMORY = "MEMORY"

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from planfit.batch.inputs import Stamp
 from planfit.batch.ledger import End, State
 from planfit.batch.memory import GB, Expectation, free_bytes
-from planfit.batch.perform import Errand
-from planfit.batch.process import MAX_TRIES, Launcher, Running
+from planfit.batch.process import MAX_TRIES, Errand, Launcher, Running
 
 _POLL_S = 0.05
 _SETTLING_S = 30.0

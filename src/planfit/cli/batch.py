@@ -15,12 +15,10 @@ from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Column, Job, Option, read_jobs
 from planfit.batch.ledger import Ledger, State
 from planfit.batch.memory import GB, SHARE_OF_FREE, free_bytes
-from planfit.batch.page import counts_in_words, write_page
-from planfit.batch.perform import Errand
+from planfit.batch.page import JobRow, Result, counts_in_words, row_of, write_page
 from planfit.batch.pool import LocalPool, Task
-from planfit.batch.process import Launcher
+from planfit.batch.process import Errand, Launcher
 from planfit.batch.sheet import Row
-from planfit.batch.summary import JobRow, Result, row_of
 from planfit.cli.arguments import Out
 from planfit.cli.commands import COMMANDS_BY_NAME, off_name
 from planfit.cli.console import note, out

@@ -4,8 +4,7 @@ import signal
 import sys
 
 from planfit.batch.ledger import End
-from planfit.batch.perform import perform
-from planfit.batch.process import read_errand
+from planfit.batch.process import perform, read_errand
 
 EXIT_DONE, EXIT_FAILED = 0, 1
 

@@ -3,27 +3,26 @@
 Each metric is defined in docs/metrics.md.
 """
 
+from planfit.evaluation.agreement import FreeSpaceOptions as FreeSpaceOptions
+from planfit.evaluation.agreement import match_distances as match_distances
+from planfit.evaluation.agreement import median_match_distance as median_match_distance
 from planfit.evaluation.comparison import CompareOptions as CompareOptions
 from planfit.evaluation.comparison import Comparison as Comparison
 from planfit.evaluation.comparison import LocalEvidence as LocalEvidence
 from planfit.evaluation.comparison import Witness as Witness
 from planfit.evaluation.comparison import compare as compare
-from planfit.evaluation.differences import PoseDifferences as PoseDifferences
-from planfit.evaluation.differences import Stretch as Stretch
-from planfit.evaluation.differences import largest_stretches as largest_stretches
-from planfit.evaluation.differences import pose_differences as pose_differences
 from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
 from planfit.evaluation.evaluate import evaluate as evaluate
-from planfit.evaluation.free_space import FreeSpaceOptions as FreeSpaceOptions
 from planfit.evaluation.layers import LayerOptions as LayerOptions
 from planfit.evaluation.layers import Layers as Layers
 from planfit.evaluation.layers import wall_layers as wall_layers
+from planfit.evaluation.map_quality import MapOptions as MapOptions
 from planfit.evaluation.map_quality import MapQuality as MapQuality
+from planfit.evaluation.map_quality import MapSample as MapSample
 from planfit.evaluation.map_quality import map_quality as map_quality
-from planfit.evaluation.matches import match_distances as match_distances
-from planfit.evaluation.matches import median_match_distance as median_match_distance
+from planfit.evaluation.map_quality import sample_depth_maps as sample_depth_maps
 from planfit.evaluation.metrics import MapJudge as MapJudge
 from planfit.evaluation.metrics import Metric as Metric
 from planfit.evaluation.metrics import Truth as Truth
@@ -37,9 +36,6 @@ from planfit.evaluation.orthogonal import find_orthogonal_sets as find_orthogona
 from planfit.evaluation.orthogonal import mom_m2 as mom_m2
 from planfit.evaluation.paired import Paired as Paired
 from planfit.evaluation.paired import compare_paired as compare_paired
-from planfit.evaluation.sampling import MapOptions as MapOptions
-from planfit.evaluation.sampling import MapSample as MapSample
-from planfit.evaluation.sampling import sample_depth_maps as sample_depth_maps
 from planfit.evaluation.surfaces import NEAR_FACE_M as NEAR_FACE_M
 from planfit.evaluation.surfaces import FloorHeights as FloorHeights
 from planfit.evaluation.surfaces import WallDistances as WallDistances
@@ -47,9 +43,13 @@ from planfit.evaluation.surfaces import floor_heights as floor_heights
 from planfit.evaluation.surfaces import near_share as near_share
 from planfit.evaluation.surfaces import wall_distances as wall_distances
 from planfit.evaluation.surfaces import wall_points as wall_points
+from planfit.evaluation.trajectory import PoseDifferences as PoseDifferences
 from planfit.evaluation.trajectory import PositionErrors as PositionErrors
 from planfit.evaluation.trajectory import RelativeErrors as RelativeErrors
+from planfit.evaluation.trajectory import Stretch as Stretch
 from planfit.evaluation.trajectory import associate_times as associate_times
+from planfit.evaluation.trajectory import largest_stretches as largest_stretches
+from planfit.evaluation.trajectory import pose_differences as pose_differences
 from planfit.evaluation.trajectory import position_errors as position_errors
 from planfit.evaluation.trajectory import relative_errors as relative_errors
 from planfit.evaluation.truth_cloud import NearestNeighbours as NearestNeighbours

@@ -14,24 +14,24 @@ from jaxtyping import Float
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import align, sample_walls
 from planfit.errors import ScanError
-from planfit.evaluation.differences import (
+from planfit.evaluation.agreement import (
+    FreeSpaceOptions,
+    looked_through_share,
+    match_distances,
+    near_pairs,
+    read_thumbnails,
+)
+from planfit.evaluation.evaluate import ComparedPoses, EvaluateOptions, RefinedPoses, evaluate
+from planfit.evaluation.layers import LayerOptions
+from planfit.evaluation.map_quality import MapOptions
+from planfit.evaluation.metrics import Metric
+from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
+from planfit.evaluation.trajectory import (
     PoseDifferences,
     Stretch,
     largest_stretches,
     pose_differences,
 )
-from planfit.evaluation.evaluate import ComparedPoses, EvaluateOptions, RefinedPoses, evaluate
-from planfit.evaluation.free_space import (
-    FreeSpaceOptions,
-    looked_through_share,
-    near_pairs,
-    read_thumbnails,
-)
-from planfit.evaluation.layers import LayerOptions
-from planfit.evaluation.matches import match_distances
-from planfit.evaluation.metrics import Metric
-from planfit.evaluation.sampling import MapOptions
-from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.runtime import Changeable, Runtime, require_kinds, short_repr

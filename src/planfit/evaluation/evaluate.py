@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from planfit.errors import require, require_plain_numbers, require_positive
 from planfit.evaluation.layers import LayerOptions
+from planfit.evaluation.map_quality import MapOptions
 from planfit.evaluation.metrics import (
     Metric,
     Truth,
@@ -16,7 +17,6 @@ from planfit.evaluation.metrics import (
     surface_metrics,
     trajectory_metrics,
 )
-from planfit.evaluation.sampling import MapOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration

@@ -1,12 +1,18 @@
-"""Map quality without a truth: mean map entropy (MME) and mean plane variance (MPV)."""
+"""Map quality without a truth: mean map entropy (MME) and mean plane variance (MPV), and the points that a
+map is judged by: of each depth map, one a voxel, the same for all poses compared."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.errors import require_positive
 from planfit.evaluation.neighbour_kernels import smallest_eigenvalues
 from planfit.evaluation.neighbourhoods import each_block, make_grid
+from planfit.geometry import se3
+from planfit.runtime import Arrays, Runtime, cache_key
+from planfit.scan import Scan
 
 DEPTH_RADIUS_M = 0.2
 """Neighbourhood for depth cameras, as in the published library; 1.0 for LiDAR."""
@@ -84,3 +90,89 @@ def _determinants(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Determinants and traces (m,) of symmetric matrices by their six entries (m, 6)."""
     a, b, c, d, e, f = covariance.T  # xx xy xz yy yz zz; expanded along the first row
     return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d), a + d + f
+
+
+@dataclass(frozen=True)
+class MapOptions:
+    """What the map is made of. MME, MPV and MOM depend on all of it: compare only what was made alike."""
+
+    voxel_m: float = 0.05
+    """Each depth map is thinned to one point a cube of this size, their mean, in its camera's frame: before
+    any poses are applied, so that all poses are judged by the same points."""
+    radius_m: float = DEPTH_RADIUS_M
+    """Neighbourhood; 0.2 for depth cameras, 1.0 for LiDAR."""
+    max_depth_m: float = 8.0
+    """Depth measurements beyond are dropped."""
+    stride_px: int = 2
+    """One pixel in this many, each way, is read."""
+    frame_step: int = 1
+    """One frame in this many is read."""
+    mom_frames: int = 60
+    """At most this many depth maps, evenly spread, are searched for orthogonal planes."""
+
+    def __post_init__(self) -> None:
+        names = ("voxel_m", "radius_m", "max_depth_m", "stride_px", "frame_step", "mom_frames")
+        require_positive(self, *names)
+
+
+@dataclass(frozen=True)
+class MapSample:
+    """Points in camera frames; frame i has points start[i]:start[i + 1], many or none."""
+
+    points_cam: Float[np.ndarray, "m 3"]
+    """m; single precision."""
+    start: Int[np.ndarray, " starts"]
+
+    def of_frame(self, i: int) -> Float[np.ndarray, "k 3"]:
+        """Points (m) of frame i, camera frame."""
+        return self.points_cam[self.start[i] : self.start[i + 1]]
+
+    def at(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "m 3"]:
+        """All points (m) in the target frame."""
+        points = np.zeros((len(self.points_cam), 3))
+        for i, pose in enumerate(target_from_cams):
+            points[self.start[i] : self.start[i + 1]] = se3.transform(pose, self.of_frame(i))
+        return points
+
+
+def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapSample:
+    """Read and thin the depth maps of a scan.
+
+    Raises:
+        ScanError: a depth image cannot be used.
+    """
+    read = range(0, len(scan), options.frame_step)
+    how = (options.voxel_m, options.max_depth_m, options.stride_px)
+    key = cache_key(scan.fingerprint, "map sample", *how, options.frame_step)
+    compute = partial(_sample, scan, options)
+    items = runtime.map("depth maps", key, len(read), lambda k: compute(read[k]))
+    sizes = np.zeros(len(scan), dtype=int)
+    sizes[read] = [len(item["points"]) for item in items]
+    points = np.concatenate([item["points"] for item in items])
+    return MapSample(points, np.concatenate([[0], np.cumsum(sizes)]))
+
+
+def thin(points: Float[np.ndarray, "m 3"], voxel_m: float) -> Float[np.ndarray, "v 3"]:
+    """Mean of the points (m) in each cube of the grid through the origin; ordered by cube."""
+    if len(points) == 0:
+        return points
+    cube = np.floor(points / voxel_m).astype(np.int64)
+    cube -= cube.min(axis=0)
+    _, ny, nz = (int(v) + 1 for v in cube.max(axis=0))
+    # One integer a cube; sorted by it, the points of a cube follow each other and reduceat adds them.
+    key = (cube[:, 0] * ny + cube[:, 1]) * nz + cube[:, 2]
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
+    sizes = np.diff(np.concatenate([start, [len(key)]]))
+    return np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
+
+
+def _sample(scan: Scan, options: MapOptions, i: int) -> Arrays:
+    step = options.stride_px
+    depth = scan.files.depth(i)[::step, ::step]
+    with np.errstate(invalid="ignore"):
+        rows, columns = np.nonzero(depth < options.max_depth_m)
+    uv = np.stack([columns, rows], axis=1) * float(step)
+    points = scan.cameras[i].lift(uv, depth[rows, columns])
+    return {"points": thin(points, options.voxel_m).astype(np.float32)}

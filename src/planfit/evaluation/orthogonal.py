@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from planfit.evaluation.map_quality import MapQuality
+from planfit.evaluation.map_quality import MapQuality, MapSample
 from planfit.evaluation.neighbourhoods import as_matrices, covariances, make_grid
-from planfit.evaluation.sampling import MapSample
 
 _PLANAR = 100.0
 """A point is planar where its smallest eigenvalue is below the middle one by this factor."""

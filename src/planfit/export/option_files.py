@@ -1,6 +1,7 @@
 """Options as TOML text and as plain values, for the report and the record of a run."""
 
 import dataclasses
+import math
 from enum import Enum
 from typing import Any
 
@@ -25,6 +26,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, tuple | list):
         return [plain(item) for item in value]
     return value
+
+
+def finite(value: float | None) -> float | None:
+    """A number for JSON, which has no NaN and no infinity; None in their place."""
+    return None if value is None or not math.isfinite(value) else float(value)
 
 
 def scan_options_record(options: ScanOptions) -> dict[str, Any]:

@@ -9,9 +9,8 @@ from jaxtyping import Int
 from planfit.alignment import Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
-from planfit.export.option_files import plain
-from planfit.export.registration import registration_record
-from planfit.export.survey import survey_record
+from planfit.export.option_files import finite, plain
+from planfit.export.tables import registration_record, survey_record
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -127,7 +126,7 @@ def metrics_record(floorplan: Floorplan | None, result: RefineResult) -> dict[st
         result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams
     )
     return {
-        m.name: {"before": _finite(m.before), "after": _finite(m.after), "unit": m.unit}
+        m.name: {"before": finite(m.before), "after": finite(m.after), "unit": m.unit}
         for m in metrics
     }
 
@@ -161,12 +160,7 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
 
 
 def _finite_or_same(value: Any) -> Any:
-    return _finite(value) if isinstance(value, float) else value
-
-
-def _finite(value: float) -> float | None:
-    """JSON has no NaN, which the oriented NSD is where no face looks at some camera."""
-    return value if np.isfinite(value) else None
+    return finite(value) if isinstance(value, float) else value
 
 
 def _scan_record(scan: Scan) -> dict[str, Any]:

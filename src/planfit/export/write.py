@@ -1,6 +1,8 @@
 """Files of poses: the results of a run, and trajectories for other programs (KITTI, g2o)."""
 
 import json
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -8,42 +10,80 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.export.cloud import Cloud, place_cloud, write_ply
-from planfit.export.loops import loop_edges
-from planfit.export.matches_file import MATCHES, write_matches
-from planfit.export.registration import write_registration
-from planfit.export.sigmas import write_sigmas
-from planfit.export.survey import write_survey
+from planfit.export.matches_file import MATCHES, loop_edges, write_matches
+from planfit.export.tables import write_registration, write_sigmas, write_survey
 from planfit.lsq.g2o import PoseGraph, write_g2o
 from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
+from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, write_tum
 from planfit.scan.odometry import Odometry
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A run, as its files are written of it."""
+
+    scan: Scan
+    result: RefineResult
+    record: dict[str, Any]
+    """What `run.json` says."""
+    cloud: Cloud
+
+
+def _write_poses(path: Path, run: Finished) -> None:
+    path.mkdir()
+    run.scan.files.write_poses(path, run.result.world_from_cams)
+
+
+def _write_cloud(path: Path, run: Finished, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> None:
+    write_ply(path, place_cloud(run.cloud, plan_from_cams), run.cloud.colors)
+
+
+def _write_control_points(path: Path, run: Finished) -> None:
+    if run.result.survey is not None:
+        write_survey(path, run.result.survey)
+
+
+def _write_record(path: Path, run: Finished) -> None:
+    path.write_text(json.dumps(run.record, indent=1, allow_nan=False) + "\n")
+
+
+FILES: dict[str, Callable[[Path, Finished], object]] = {
+    "poses": _write_poses,
+    "trajectory.tum": lambda path, run: write_tum(
+        path, run.scan.timestamps, run.result.plan_from_cams
+    ),
+    "cloud_before.ply": lambda path, run: _write_cloud(
+        path, run, run.result.initial_plan_from_cams
+    ),
+    "cloud_after.ply": lambda path, run: _write_cloud(path, run, run.result.plan_from_cams),
+    MATCHES: lambda path, run: write_matches(path, run.result.matches),
+    "trajectory_sigma.csv": lambda path, run: write_sigmas(
+        path, run.scan.timestamps, run.result.evidence.pose_covariances
+    ),
+    "covariances.npz": lambda path, run: np.savez(
+        path, covariances=run.result.evidence.pose_covariances
+    ),
+    "registration.csv": lambda path, run: write_registration(path, run.result.registration),
+    "control_points.csv": _write_control_points,
+    RECORD: _write_record,
+}
+"""Files and folders of a run beside its pages, by name, in the order in which they are written; what each
+holds is said in docs/outputs.md. Control points are written where there are any, the others always."""
 
 
 def write_results(
     folder: Path, scan: Scan, result: RefineResult, record: dict[str, Any], cloud: Cloud
 ) -> None:
-    """Write poses, trajectory, clouds and the record; names as in docs/outputs.md.
+    """Write all of `FILES` into a folder that has none of them.
 
     Raises:
         OSError: a file cannot be written.
     """
-    poses = folder / "poses"
-    poses.mkdir()
-    scan.files.write_poses(poses, result.world_from_cams)
-    write_tum(folder / "trajectory.tum", scan.timestamps, result.plan_from_cams)
-    for name, plan_from_cams in (
-        ("before", result.initial_plan_from_cams),
-        ("after", result.plan_from_cams),
-    ):
-        points = place_cloud(cloud, plan_from_cams)
-        write_ply(folder / f"cloud_{name}.ply", points, cloud.colors)
-    write_matches(folder / MATCHES, result.matches)
-    write_sigmas(folder, scan.timestamps, result.evidence.pose_covariances)
-    write_registration(folder, result.registration)
-    if result.survey is not None:
-        write_survey(folder, result.survey)
-    (folder / "run.json").write_text(json.dumps(record, indent=1, allow_nan=False) + "\n")
+    run = Finished(scan, result, record, cloud)
+    for name, write in FILES.items():
+        write(folder / name, run)
 
 
 def write_kitti(path: Path, target_from_cams: Float[np.ndarray, "n 4 4"]) -> None:

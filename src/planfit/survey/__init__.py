@@ -5,7 +5,8 @@ from planfit.survey.axes import PlacedPoints as PlacedPoints
 from planfit.survey.axes import place_points as place_points
 from planfit.survey.fit import SiteFit as SiteFit
 from planfit.survey.fit import fit_site as fit_site
-from planfit.survey.lift import find_marks as find_marks
+from planfit.survey.marks import FAMILIES as FAMILIES
+from planfit.survey.marks import find_marks as find_marks
 from planfit.survey.read import read_marks as read_marks
 from planfit.survey.read import read_points as read_points
 from planfit.survey.residuals import PointResidual as PointResidual
@@ -13,7 +14,6 @@ from planfit.survey.residuals import RoleResiduals as RoleResiduals
 from planfit.survey.residuals import SurveyResiduals as SurveyResiduals
 from planfit.survey.residuals import measure_residuals as measure_residuals
 from planfit.survey.residuals import with_swaps as with_swaps
-from planfit.survey.tags import FAMILIES as FAMILIES
 from planfit.survey.types import LiftedMarks as LiftedMarks
 from planfit.survey.types import Mark as Mark
 from planfit.survey.types import Survey as Survey

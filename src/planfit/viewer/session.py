@@ -31,8 +31,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
-from planfit.viewer.dragged import NOTE, is_dragged, to_drag
-from planfit.viewer.points import PickedPoints
+from planfit.viewer.points import NOTE, PickedPoints, is_dragged, to_drag
 
 FILE = "corrections.toml"
 _QUALITY = 88

@@ -16,7 +16,7 @@ from planfit.report.html.openings import (
     shown_openings,
     style_of,
 )
-from planfit.report.html.sortable_table import Cell, sortable_table
+from planfit.report.html.tables import Cell, sortable_table
 from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace

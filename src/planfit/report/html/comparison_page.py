@@ -10,8 +10,8 @@ from planfit import __version__
 from planfit.evaluation import Comparison, Metric, wall_points
 from planfit.report import comparison_words as words
 from planfit.report import formatting
+from planfit.report.html.figures import captioned, width_in
 from planfit.report.html.page import page_of
-from planfit.report.html.sections import captioned
 from planfit.report.html.tables import table
 from planfit.report.measures import CloudXY
 from planfit.report.plots.comparison import (
@@ -21,8 +21,7 @@ from planfit.report.plots.comparison import (
     draw_paths,
     draw_seen,
 )
-from planfit.report.plots.drawing import PANEL_IN
-from planfit.report.plots.overlay import WIDE_IN, is_wide
+from planfit.report.plots.overlay import is_wide
 
 _SIDES = {"a": "A", "b": "B", "neither": "neither"}
 _UNITS = {"1": "", "cm^2": "cm²"}
@@ -107,8 +106,7 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
     plan_ends = np.zeros((0, 2, 2))
     if comparison.poses.floorplan is not None:
         plan_ends = comparison.poses.floorplan.ends
-    wide = is_wide(crop)
-    width = WIDE_IN if wide else PANEL_IN
+    width = width_in(crop)
     paths = captioned(
         draw_paths(a, b, plan_ends, stretches, crop, width),
         "<strong>Both paths from above.</strong> Lines join the two positions of a frame where A and B "
@@ -133,7 +131,7 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
         if comparison.axes == "plan"
         else "in the scan's own axes"
     )
-    style = "stack" if wide else "pair"
+    style = "stack" if is_wide(crop) else "pair"
     return (
         f"<h2>Where they differ</h2><p>{escape(words.difference_in_words(comparison))} Distances are {on}. "
         f"{escape(words.whole_in_words(comparison))}</p>{_stretch_table(comparison)}"

@@ -13,7 +13,7 @@ from planfit.as_built import (
     opening_words,
 )
 from planfit.report import formatting
-from planfit.report.html.sortable_table import Cell, sortable_table
+from planfit.report.html.tables import Cell, sortable_table
 from planfit.report.plots.drawing import AGREES, BEFORE, NOT_SEEN, UNMATCHED
 from planfit.report.plots.top_view import Crop
 

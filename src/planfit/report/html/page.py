@@ -1,7 +1,8 @@
 """The report: one HTML file that needs nothing else, for a screen, a phone or paper."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib import resources
 from pathlib import PurePath
@@ -16,21 +17,39 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.survey_residuals import contradicted_words
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
-from planfit.report.html.disagreement_section import disagreement_section
-from planfit.report.html.registration_section import registration_section
-from planfit.report.html.scans_section import scans_section
-from planfit.report.html.sensor import sensor_section
-from planfit.report.html.storey_section import storeys
-from planfit.report.html.survey_section import survey_section
+from planfit.report.html.certainty_section import certainty, disagreement_section
+from planfit.report.html.overview import overview, scans_section, storeys_section
+from planfit.report.html.registration_section import registration_section, survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
-from planfit.report.key_metrics import KeyMetric, TruthErrors, key_metrics, verdict_in_words
-from planfit.report.measures import BeforeAfter, measure
-from planfit.report.plots.top_view import crop_to_scan
-from planfit.report.provenance import Provenance
+from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
+from planfit.report.measures import BeforeAfter, measure, measure_storeys
+from planfit.report.options import Provenance
+from planfit.report.plots.top_view import Crop, crop_to_scan
 from planfit.report.scene.scene import Scene
-from planfit.report.storey_measures import measure_storeys
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the sections of a report are made of; fields are arguments of `make_report`."""
+
+    scan_name: str
+    floorplan: Floorplan | None
+    result: RefineResult
+    options_text: str
+    truth: TruthErrors | None
+    both: BeforeAfter
+    crop: Crop
+    """Part of the plan that pictures show."""
+    scene: Scene | None
+    as_built: AsBuilt | None
+    made: Provenance | None
+
+
+Section = Callable[[Shown], str]
+"""A part of the report as HTML, empty where it does not apply; its headings (`<h2>`) are what the list of
+contents leads to."""
 
 
 def make_report(
@@ -58,38 +77,22 @@ def make_report(
         made: when, how and with what the run was made, where that is to be told.
     """
     both = both or measure(floorplan, result)
-    crop = crop_to_scan(both)
-    numbers = key_metrics(result, both, truth)
-    scan_name = _last_part(scan_name)
-    on_plan, axes, walls_of_plan = "without a plan", "as recorded, turned upright", ""
-    if floorplan is not None:
-        on_plan, axes = f"on {_last_part(floorplan.name)}", "as in the plan"
-        walls_of_plan = sections.walls(floorplan, result, crop, as_built)
-    seen_on_plan = sections.overview(floorplan, both, crop)
-    if result.storeys is not None:
-        seen_on_plan = storeys(result.storeys, measure_storeys(result), crop)
-    body = [
-        _top(scan_name, floorplan, result, numbers, truth, made),
-        *([scans_section(result)] if result.scans else []),
-        seen_on_plan,
-        *([] if scene is None else [view_section(scene)]),
-        sections.certainty(result, truth)
-        + disagreement_section(
-            result.evidence.disagreements,
-            [] if result.survey is None else contradicted_words(result.survey.points),
-        ),
-        registration_section(result.registration),
-        survey_section(result.survey),
-        sections.fit_and_correction(both),
-        sensor_section(result),
-        sections.floor(floorplan, both, crop),
-        walls_of_plan,
-        sections.frame_matches(floorplan, both, result, crop),
-        _costs_and_time(result),
-        _statistics(result, options_text),
-        f"<footer>{_made(made)} x and y {axes}, heights above the floor.</footer>",
-    ]
-    return page_of(f"{scan_name} {on_plan}: planfit report", _with_contents(body), scene)
+    shown = Shown(
+        _last_part(scan_name),
+        floorplan,
+        result,
+        options_text,
+        truth,
+        both,
+        crop_to_scan(both),
+        scene,
+        as_built,
+        made,
+    )
+    body = [html for section in SECTIONS if (html := section(shown))]
+    on_plan = "without a plan" if floorplan is None else f"on {_last_part(floorplan.name)}"
+    title = f"{shown.scan_name} {on_plan}: planfit report"
+    return page_of(title, _with_contents(body), scene)
 
 
 def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
@@ -114,25 +117,20 @@ def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
     )
 
 
-def _top(
-    scan_name: str,
-    floorplan: Floorplan | None,
-    result: RefineResult,
-    numbers: Sequence[KeyMetric],
-    truth: TruthErrors | None,
-    made: Provenance | None,
-) -> str:
+def _top(shown: Shown) -> str:
     """Title, verdict, warnings, key metrics."""
+    result, floorplan, made = shown.result, shown.floorplan, shown.made
+    numbers = key_metrics(result, shown.both, shown.truth)
     fitted = "made to agree with itself, without a floorplan,"
     if floorplan is not None:
         fitted = f"fitted to the floorplan {_last_part(floorplan.name)}"
     on_date = "" if made is None else f" on {escape(made.at.split()[0])}"
     warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
     parts = [
-        f"<h1>{escape(scan_name)}</h1>",
+        f"<h1>{escape(shown.scan_name)}</h1>",
         f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}{on_date}</p>',
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
-        f"{escape(verdict_in_words(result, numbers, truth))}</p>",
+        f"{escape(verdict_in_words(result, numbers, shown.truth))}</p>",
     ]
     if result.by_hand is not None:
         parts.append(_by_hand(result.by_hand))
@@ -148,6 +146,34 @@ def _top(
     else:
         parts.append("<p>Too little was seen of walls, floor and matches to measure anything.</p>")
     return "\n".join(parts)
+
+
+def _seen_on_plan(shown: Shown) -> str:
+    """The whole scan, or storey by storey where each has a plan of its own."""
+    storeys = shown.result.storeys
+    if storeys is not None:
+        return storeys_section(storeys, measure_storeys(shown.result), shown.crop)
+    return overview(shown.floorplan, shown.both, shown.crop)
+
+
+def _certainty(shown: Shown) -> str:
+    """How sure each frame is, and what contradicts what, control points among it."""
+    result, survey = shown.result, shown.result.survey
+    points = [] if survey is None else contradicted_words(survey.points)
+    return certainty(result, shown.truth) + disagreement_section(
+        result.evidence.disagreements, points
+    )
+
+
+def _walls(shown: Shown) -> str:
+    if shown.floorplan is None:
+        return ""
+    return sections.walls(shown.floorplan, shown.result, shown.crop, shown.as_built)
+
+
+def _foot(shown: Shown) -> str:
+    axes = "as recorded, turned upright" if shown.floorplan is None else "as in the plan"
+    return f"<footer>{_made(shown.made)} x and y {axes}, heights above the floor.</footer>"
 
 
 def _made(made: Provenance | None) -> str:
@@ -192,7 +218,8 @@ def _reservations(verdict: Verdict) -> str:
     return f'<div class="warnings"><h2>Reservations</h2><ul>{items}</ul></div>'
 
 
-def _costs_and_time(result: RefineResult) -> str:
+def _costs_and_time(shown: Shown) -> str:
+    result = shown.result
     return (
         '<h2>How it was solved</h2><div class="columns">'
         "<div><h3>Cost of each term</h3>"
@@ -205,17 +232,38 @@ def _costs_and_time(result: RefineResult) -> str:
     )
 
 
-def _statistics(result: RefineResult, options_text: str) -> str:
+def _statistics(shown: Shown) -> str:
+    result = shown.result
     centres = result.initial_plan_from_cams[:, :3, 3]
     path_length = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
     return (
         "<h2>Statistics of the scan</h2>"
         f'<div class="statistics">{tables.statistics_table(result, path_length)}</div>'
         "<details><summary>Options of this run</summary>"
-        f"<pre>{escape(options_text)}</pre></details>"
+        f"<pre>{escape(shown.options_text)}</pre></details>"
     )
 
 
 def _last_part(path: str) -> str:
     """Of a path; of each where plans of storeys are named together."""
     return " and ".join(PurePath(one).name or one for one in path.split(" and "))
+
+
+SECTIONS: tuple[Section, ...] = (
+    _top,
+    lambda shown: scans_section(shown.result),
+    _seen_on_plan,
+    lambda shown: "" if shown.scene is None else view_section(shown.scene),
+    _certainty,
+    lambda shown: registration_section(shown.result.registration),
+    lambda shown: survey_section(shown.result.survey),
+    lambda shown: sections.fit_and_correction(shown.both),
+    lambda shown: sections.sensor_section(shown.result),
+    lambda shown: sections.floor(shown.floorplan, shown.both, shown.crop),
+    _walls,
+    lambda shown: sections.frame_matches(shown.floorplan, shown.both, shown.result, shown.crop),
+    _costs_and_time,
+    _statistics,
+    _foot,
+)
+"""All parts of the report, in the order of the page; the first is above the list of contents."""

@@ -1,25 +1,30 @@
-"""Parts of the report that are pictures, with the words a reader needs to judge them."""
+"""Sections that are pictures, with the words to judge them: fit, floor, walls, matches, sensor."""
 
-import base64
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, replace
 from html import escape
 
 import numpy as np
 
-from planfit.adjust.uncertainty import radius_95
 from planfit.as_built import AsBuilt
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
+from planfit.pipeline.sensor import SensorParameter, sensor_warnings
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
-from planfit.report.key_metrics import TruthErrors
+from planfit.report.html.figures import captioned, of_side, plural, side_by_side, sides, width_in
+from planfit.report.html.tables import table
 from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.plots import charts
-from planfit.report.plots.close_ups import choose_close_ups
+from planfit.report.plots import charts, maps
+from planfit.report.plots.charts import (
+    FAR_M,
+    NEAR_M,
+    depth_error_plot,
+    loop_closures_of,
+    matches_by_frame,
+    matches_plot,
+)
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
 from planfit.report.plots.drawing import (
     AGREES,
@@ -27,17 +32,9 @@ from planfit.report.plots.drawing import (
     NOT_SEEN,
     PANEL_IN,
     UNMATCHED,
-    Picture,
-    Side,
 )
-from planfit.report.plots.matches import (
-    loop_closure_map,
-    loop_closures_of,
-    matches_by_frame,
-    matches_plot,
-)
-from planfit.report.plots.overlay import WIDE_IN, fit_in_words, is_wide, side_picture
-from planfit.report.plots.top_view import Crop, Mark
+from planfit.report.plots.maps import loop_closure_map
+from planfit.report.plots.top_view import Crop
 from planfit.report.walls import (
     AGREES_WITHIN_M,
     FEW_PATCHES,
@@ -45,76 +42,7 @@ from planfit.report.walls import (
     seen_faces,
 )
 
-
-def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey: str = "") -> str:
-    """The whole scan on the plan, or alone, before and after, and close-ups; or a storey of it, by name."""
-    marks = choose_close_ups(both, crop)
-    pictures = [
-        captioned(
-            _of_side(name, side_picture(floorplan, both, side, crop, marks, _width_in(crop))),
-            f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
-            f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
-        )
-        for name, side in _sides(both)
-    ]
-    if not both.has_plan:
-        words = (
-            "Seen from above: points at about the height of the camera, walls and furniture. Where the poses "
-            "are right, one wall makes one line of dots, not several, and corners are sharp."
-        )
-    elif both.is_aligned:
-        words = (
-            "Seen from above. Each coloured dot is a scanned point of a wall; thin dark lines are "
-            "the walls as drawn. Where the poses are right, dots lie on the lines, and one wall "
-            "makes one line of dots, not several. Where the camera path runs through a drawn wall, "
-            "there is an opening that the plan does not show, or the poses are wrong there."
-        )
-    else:
-        words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
-    head = storey or ("The scan on the plan" if both.has_plan else "The scan from above")
-    html = [f"<h2>{head}</h2><p>{words}</p>{_side_by_side(pictures, crop)}"]
-    if marks and floorplan is not None:
-        html.append(
-            "<h3>Close-ups</h3><p>The windows marked above, where before and after differ most.</p>"
-        )
-        html += [_close_up(floorplan, both, mark) for mark in marks]
-    return "\n".join(html)
-
-
-def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
-    """Predicted error of each frame, and what it rests on, stretch by stretch."""
-    evidence = result.evidence
-    true_m = truth.after_by_frame_m if truth else None
-    known = " Dotted: the true error." if true_m is not None else ""
-    named = " Shaded: frames with a reservation." if result.verdict.reservations else ""
-    picture = captioned(
-        charts.certainty_plot(
-            result.verdict, radius_95(evidence.pose_covariances[:, 3:, 3:]), true_m
-        ),
-        "<strong>Predicted error of each camera position:</strong> one standard deviation, and the "
-        f"radius that holds the true position in 95 of 100 frames.{named}{known}",
-        "Predicted error of each frame",
-    )
-    worst, seen = evidence.worst_frame, [s for s in evidence.stretches if s.n_patches]
-    visits = (
-        f"{len(evidence.visits)} {_plural(len(evidence.visits), 'time', 'times')} a place is seen again, "
-        if evidence.visits
-        else "no place is seen again, "
-    )
-    return (
-        "<h2>How sure each frame is</h2><p>The scan was solved again several times, each time without some "
-        "of the places that are seen again and without the walls of some stretches of the walk. How far the "
-        "poses move then, how far measurements lie from where the result puts them, and what is not known "
-        "of the sensor and the plan's scale, give the error that is to be expected: "
-        f"<strong>{formatting.length(evidence.predicted_rms_m)} RMS, worst "
-        f"{formatting.length(float(evidence.predicted_error_m[worst]))} at frame "
-        f'<span data-frame="{worst}">{worst}</span></strong> (frame '
-        f"by frame in <code>trajectory_sigma.csv</code>). What was left out is the evidence: {visits}"
-        f"walls on {len(seen)} of {len(evidence.stretches)} stretches.</p>"
-        f'<div class="pair">{picture}</div><details><summary>Stretch by stretch</summary>'
-        "<p>Wall patches on the plan, and beside a drawn wall, where the solve without them puts them.</p>"
-        f"{tables.stretch_table(evidence)}</details>"
-    )
+_DIGITS = {"": 4, "m": 3, "1/m": 4, "px": 1}
 
 
 def fit_and_correction(both: BeforeAfter) -> str:
@@ -122,7 +50,7 @@ def fit_and_correction(both: BeforeAfter) -> str:
     parts = []
     if both.has_walls:
         picture, end = charts.distance_histogram(both)
-        beyond = [_share_beyond(side, end) for _, side in _sides(both)]
+        beyond = [_share_beyond(side, end) for _, side in sides(both)]
         parts.append(
             captioned(
                 picture,
@@ -153,14 +81,14 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     """Heights of the floor, before and after."""
     if not both.has_floor:
         return "<h2>Floor</h2><p>No floor was seen in this scan.</p>"
-    maps = []
-    for name, side in _sides(both):
-        maps.append(
+    pictures = []
+    for name, side in sides(both):
+        pictures.append(
             captioned(
-                _of_side(
+                of_side(
                     name,
-                    charts.floor_map(
-                        floorplan if both.is_aligned else None, side, crop, _width_in(crop)
+                    maps.floor_map(
+                        floorplan if both.is_aligned else None, side, crop, width_in(crop)
                     ),
                 ),
                 f"<strong>{name}:</strong> half of the floor points lie within "
@@ -169,13 +97,13 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
                 f"Floor heights {name}",
             )
         )
-    limit = f"{charts.FLOOR_RANGE_M:.1f}{formatting.SPACE}m"
+    limit = f"{maps.FLOOR_RANGE_M:.1f}{formatting.SPACE}m"
     return (
         "<h2>Floor</h2><p>Height of the scanned floor: red is above the floor plane, blue below, "
         f"colours end at ±{limit}. A flat floor is white all over. Slopes, and steps where the "
         "path comes back to a place, show that cameras drifted in height or tilt. What lies on the "
         "floor and was taken for floor stays red, however good the poses are.</p>"
-        f"{_side_by_side(maps, crop)}"
+        f"{side_by_side(pictures, crop)}"
     )
 
 
@@ -201,14 +129,14 @@ def walls(
         for color, words in keys
     )
     picture = captioned(
-        charts.wall_map(floorplan, result, faces, crop, _width_in(crop)),
+        maps.wall_map(floorplan, result, faces, crop, width_in(crop)),
         legend,
         "Walls of the plan by agreement with the scan",
     )
     html = [
         f"<h2>Walls of the plan</h2><p>{escape(_walls_in_words(faces))} {n_lost} of {n_patches} "
         "wall patches of the scan found no wall on the plan: furniture, what the plan does not "
-        f"draw, or walls that were moved.</p>{_side_by_side([picture], crop)}"
+        f"draw, or walls that were moved.</p>{side_by_side([picture], crop)}"
     ]
     cuts = cut_walls(floorplan, result, faces)
     if cuts:
@@ -237,7 +165,7 @@ def frame_matches(
     others = "floor and walls hold" if both.has_plan else "and floor hold"
     n_none = int(np.sum(by_frame == 0))
     none = (
-        f" {n_none} of {n_frames} keyframes {_plural(n_none, 'has', 'have')} none: only the recorded motion, "
+        f" {n_none} of {n_frames} keyframes {plural(n_none, 'has', 'have')} none: only the recorded motion, "
         f"{others} them."
         if n_none
         else ""
@@ -275,22 +203,6 @@ def _cut(section: CrossSection) -> str:
     )
 
 
-def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
-    inside = mark.crop.contains(both.after.wall_xy)
-    pictures = []
-    for name, side in _sides(both):
-        distance = formatting.length(float(side.wall_distances_m[inside].mean()))
-        pictures.append(
-            captioned(
-                _of_side(name, side_picture(floorplan, both, side, mark.crop)),
-                f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
-                "the plan on average",
-                f"Close-up {mark.letter} {name}",
-            )
-        )
-    return f'<div class="pair">{"".join(pictures)}</div>'
-
-
 def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     if not faces:
         return "No wall of the plan was recognised in the scan."
@@ -305,38 +217,14 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
         told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in displaced[:3])
         more = " and others" if len(displaced) > 3 else ""
         parts.append(
-            f"{len(displaced)} {_plural(len(displaced), 'lies', 'lie')} elsewhere: {told}{more}."
+            f"{len(displaced)} {plural(len(displaced), 'lies', 'lie')} elsewhere: {told}{more}."
         )
     if few:
         parts.append(
-            f"{few} {_plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "
+            f"{few} {plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "
             f"{FEW_PATCHES} patches that may be an accident."
         )
     return " ".join(parts)
-
-
-def _plural(count: int, one: str, many: str) -> str:
-    return one if count == 1 else many
-
-
-def _width_in(crop: Crop) -> float:
-    return WIDE_IN if is_wide(crop) else PANEL_IN
-
-
-def _of_side(side: Side, picture: Picture) -> Picture:
-    """A picture in which frames are pressed where they are on that side."""
-    if picture.clicks is None:
-        return picture
-    return replace(picture, clicks=replace(picture.clicks, side=side))
-
-
-def _sides(both: BeforeAfter) -> tuple[tuple[Side, Measures], tuple[Side, Measures]]:
-    return ("before", both.before), ("after", both.after)
-
-
-def _side_by_side(pictures: Sequence[str], crop: Crop) -> str:
-    """Before and after beside each other, or one above the other where both are wide."""
-    return f'<div class="{"stack" if is_wide(crop) else "pair"}">{"".join(pictures)}</div>'
 
 
 def _share_beyond(side: Measures, end_m: float) -> float:
@@ -344,14 +232,72 @@ def _share_beyond(side: Measures, end_m: float) -> float:
     return 0.0 if side.walls is None else float(np.mean(side.walls.nearest_m > end_m))
 
 
-def captioned(picture: Picture, caption_html: str, alt: str) -> str:
-    """A picture inside the page, its caption above it."""
-    data = base64.b64encode(picture.png).decode("ascii")
-    clicks = ""
-    if picture.clicks is not None:
-        clicks = f'data-clicks="{escape(json.dumps(asdict(picture.clicks)))}" '
-    return (
-        f"<figure><figcaption>{caption_html}</figcaption>"
-        f'<img src="data:image/png;base64,{data}" alt="{escape(alt)}" {clicks}'
-        f'width="{picture.width_px}" height="{picture.height_px}"></figure>'
+def sensor_section(result: RefineResult) -> str:
+    """Parameters with standard deviations, and the error of depth over distance, before and after.
+
+    Nothing where nothing was looked for.
+    """
+    rows = result.sensor_parameters
+    if all(row.sigma is None for row in rows):
+        return ""
+    farthest_m = farthest_point_m(result)
+    picture = captioned(
+        depth_error_plot(result.calibration, farthest_m),
+        "<strong>Error of the depth over distance,</strong> as found: before, and after the correction. "
+        f"Shaded: one standard deviation. Points were seen up to {farthest_m:.1f}{formatting.SPACE}m.",
+        "Error of measured depth over distance, before and after",
     )
+    names = ("parameter", "found", "sigma", "")
+    cells = [(escape(row.name), _number(row, row.found), _sigma(row), _state(row)) for row in rows]
+    return (
+        f"<h2>The sensor</h2><p>{escape(_sensor_words(rows))}</p>"
+        f'<div class="pair"><div>{table(names, cells, "wnnw")}</div>{picture}</div>'
+    )
+
+
+def farthest_point_m(result: RefineResult) -> float:
+    """Depth below which all but a thousandth of the points of the solve lie, within the plot's limits."""
+    structure, matches = result.structure, result.matches
+    depths = np.concatenate(
+        [
+            points[:, 2]
+            for points in (
+                structure.floor.points_cam,
+                structure.walls.points_cam,
+                structure.ceiling.points_cam,
+                matches.points_a,
+                matches.points_b,
+            )
+        ]
+    )
+    known = depths[np.isfinite(depths)]
+    far = float(np.percentile(known, 99.9)) if len(known) else FAR_M
+    return float(np.clip(far, 2 * NEAR_M, FAR_M))
+
+
+def _sensor_words(rows: Sequence[SensorParameter]) -> str:
+    said = "; ".join(sensor_warnings(rows))
+    if said:
+        return f"{said[0].upper()}{said[1:]}."
+    return (
+        "Depth and camera are as the scan's files say, as far as matches, floor, recorded motion and walls "
+        "can tell: nothing was corrected."
+    )
+
+
+def _number(row: SensorParameter, value: float) -> str:
+    rounded = round(value, _DIGITS[row.unit]) + 0.0  # + 0.0: no "-0.0"
+    text = f"{rounded:.{_DIGITS[row.unit]}f}".replace("-", formatting.MINUS)
+    return f"{text}{formatting.SPACE}{row.unit}" if row.unit else text
+
+
+def _sigma(row: SensorParameter) -> str:
+    return "n/a" if row.sigma is None else _number(row, row.sigma)
+
+
+def _state(row: SensorParameter) -> str:
+    if row.is_kept:
+        return "<strong>corrected</strong>"
+    if row.is_implausible:
+        return "not believed"
+    return "held" if row.sigma is None else "left alone"

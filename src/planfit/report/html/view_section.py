@@ -111,4 +111,4 @@ def view_script() -> str:
 
 
 def _read(name: str) -> str:
-    return resources.files("planfit.report.html.view").joinpath(name).read_text("utf-8")
+    return resources.files("planfit.report.html").joinpath("view", name).read_text("utf-8")

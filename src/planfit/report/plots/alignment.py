@@ -6,8 +6,17 @@ import numpy as np
 
 from planfit.alignment import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
-from planfit.report.plots.drawing import AFTER, FONT_PT, INK, PATH, add_axes, new_figure, to_picture
-from planfit.report.plots.overlay import Entry, add_legend
+from planfit.report.plots.drawing import (
+    AFTER,
+    FONT_PT,
+    INK,
+    PATH,
+    Entry,
+    add_axes,
+    add_legend,
+    new_figure,
+    to_picture,
+)
 from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, set_up_view
 
 WIDTH_IN, MIN_WIDTH_IN = 9.0, 4.5

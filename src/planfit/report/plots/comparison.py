@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.ticker import MaxNLocator
 
 from planfit.evaluation import PoseDifferences, Stretch
 from planfit.report.plots.drawing import (
@@ -13,20 +12,18 @@ from planfit.report.plots.drawing import (
     BEFORE,
     GREY,
     INK,
-    LIGHT,
-    PANEL_IN,
+    LEGEND_IN,
     UNMATCHED,
+    Entry,
     Picture,
-    add_axes,
+    add_legend,
     label_axes,
-    new_figure,
+    new_frame_charts,
     to_picture,
 )
-from planfit.report.plots.overlay import LEGEND_IN, Entry, add_legend, view_figure
-from planfit.report.plots.top_view import Crop, draw_faces, draw_points, draw_scale, set_up_view
+from planfit.report.plots.top_view import Crop, draw_faces, draw_points, draw_scale, view_figure
 
 COLOR_A, COLOR_B = BEFORE, AFTER
-_MARGIN_M = 1.0
 
 
 @dataclass(frozen=True)
@@ -43,11 +40,7 @@ def crop_to_both(a: SideView, b: SideView) -> Crop:
     """What both cover, plus a margin; stray points are left out."""
     parts = [a.path_xy, b.path_xy]
     parts += [np.percentile(s.points_xy, [0.5, 99.5], axis=0) for s in (a, b) if len(s.points_xy)]
-    points = np.concatenate(parts)
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    size, middle = high - low, (low + high) / 2
-    size = np.array([max(size[0], size[1] / 1.6), max(size[1], size[0] * 0.2)])
-    return Crop(middle - size / 2, middle + size / 2)
+    return Crop.around(np.concatenate(parts))
 
 
 def draw_paths(
@@ -59,8 +52,7 @@ def draw_paths(
     width_in: float,
 ) -> Picture:
     """Both paths over the plan; a thin line joins the two positions of a frame where they differ most."""
-    figure, axes = view_figure(crop, width_in, LEGEND_IN)
-    set_up_view(axes, crop, len(plan_ends) > 0)
+    figure, axes = view_figure(crop, width_in, LEGEND_IN, len(plan_ends) > 0)
     draw_faces(axes, crop, plan_ends, GREY, 0.6)
     for stretch in stretches:
         frames = np.arange(stretch.first, stretch.last + 1)
@@ -90,8 +82,7 @@ def draw_seen(
     width_in: float,
 ) -> Picture:
     """What was seen at one set of poses, over the plan."""
-    figure, axes = view_figure(crop, width_in, 0.08)
-    set_up_view(axes, crop, len(plan_ends) > 0)
+    figure, axes = view_figure(crop, width_in, 0.08, len(plan_ends) > 0)
     draw_points(axes, crop, side.points_xy, COLOR_B if is_b else COLOR_A)
     draw_faces(axes, crop, plan_ends, INK)
     draw_scale(axes, crop)
@@ -100,22 +91,15 @@ def draw_seen(
 
 def draw_distances(differences: PoseDifferences, stretches: Sequence[Stretch]) -> Picture:
     """Distance and angle between A and B, frame by frame; where they differ most is shaded."""
-    figure = new_figure(PANEL_IN, 3.6)
-    height = (3.6 - 0.42 - 2 * LEGEND_IN - 0.12) / 2
-    upper = add_axes(figure, 0.55, 0.42 + height + LEGEND_IN + 0.12, PANEL_IN - 0.75, height)
-    lower = add_axes(figure, 0.55, 0.42, PANEL_IN - 0.75, height)
     n = len(differences.distance_m)
+    figure, upper, lower = new_frame_charts(n)
     for axes, values, what, least in (
         (upper, differences.distance_m, "distance (m)", 0.05),
         (lower, differences.angle_deg, "angle (deg)", 0.5),
     ):
         for stretch in stretches:
             axes.axvspan(stretch.first - 0.5, stretch.last + 0.5, color=UNMATCHED, alpha=0.2, lw=0)
-        axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
         axes.plot(np.arange(n), values, color=INK, linewidth=1.2, zorder=3)
-        axes.set_xlim(0, max(n - 1, 1))
         axes.set_ylim(0.0, max(1.05 * float(values.max()), least))
         label_axes(axes, "frame" if axes is lower else "", what)
-    upper.tick_params(labelbottom=False)
-    lower.xaxis.set_major_locator(MaxNLocator(6, integer=True))
     return to_picture(figure)

@@ -8,6 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
@@ -22,6 +24,13 @@ PANEL_IN = 4.6
 """Width of a picture: half the page on a screen, the whole of it on a phone."""
 FONT_PT = 8.5
 DPI = 200
+LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
+"""Room around axes: left of them, right of them, below them, and for a legend above them."""
+_CHART_LEFT_IN, _CHART_IN = 0.55, PANEL_IN - 0.75
+"""Where the axes of a chart begin, and their width."""
+
+Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
+"""Of a legend: words, colour, and what stands before them, a square or a line."""
 
 
 Side = Literal["before", "after"]
@@ -83,6 +92,67 @@ def label_axes(axes: Axes, x: str, y: str) -> None:
     axes.set_ylabel(y, fontsize=FONT_PT, color=GREY, labelpad=3)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+
+
+def new_chart(height_in: float, left_in: float = _CHART_LEFT_IN) -> tuple[Figure, Axes]:
+    """A figure as wide as a panel that holds one chart, with room for a legend above it."""
+    figure = new_figure(PANEL_IN, height_in)
+    return figure, add_axes(
+        figure, left_in, BOTTOM_IN, _CHART_IN, height_in - BOTTOM_IN - LEGEND_IN
+    )
+
+
+def new_frame_charts(n_frames: int) -> tuple[Figure, Axes, Axes]:
+    """A figure with two charts over the same frames, the second one, which has the numbers, below the first;
+    a legend fits above each."""
+    figure = new_figure(PANEL_IN, 3.6)
+    height = (3.6 - BOTTOM_IN - 2 * LEGEND_IN - 0.12) / 2
+    above_in = BOTTOM_IN + height + LEGEND_IN + 0.12
+    upper = add_axes(figure, _CHART_LEFT_IN, above_in, _CHART_IN, height)
+    lower = add_axes(figure, _CHART_LEFT_IN, BOTTOM_IN, _CHART_IN, height)
+    for axes in (upper, lower):
+        axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
+        axes.set_xlim(0, max(n_frames - 1, 1))
+    upper.tick_params(labelbottom=False)
+    number_frames(lower, n_frames - 1)
+    return figure, upper, lower
+
+
+def number_frames(axes: Axes, last_frame: int) -> None:
+    """An x axis of frames, from the first to the last."""
+    axes.set_xlim(0, max(last_frame, 1))
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
+
+
+def add_legend(axes: Axes, entries: list[Entry]) -> None:
+    """A row above the axes."""
+    handles = [
+        Line2D(
+            [],
+            [],
+            color=color,
+            marker="s" if kind == "s" else "",
+            linestyle="none" if kind == "s" else kind,
+            markersize=5,
+            linewidth=1.3,
+            label=words,
+        )
+        for words, color, kind in entries
+    ]
+    axes.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        borderaxespad=0.15,
+        borderpad=0.2,
+        ncols=len(handles),
+        frameon=False,
+        fontsize=FONT_PT,
+        labelcolor=INK,
+        handlelength=1.5,
+        handletextpad=0.4,
+        columnspacing=1.0,
+    )
 
 
 def clicks_of(kind: Literal["frames", "plan", "walls"], axes: Axes) -> Clicks:

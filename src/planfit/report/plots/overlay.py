@@ -1,29 +1,33 @@
-"""Wall points over the plan, before and after: the whole scan, and parts of it."""
+"""Wall points over the plan, before and after: the whole scan, and where both differ most."""
 
 from io import BytesIO
 from textwrap import shorten
-from typing import Literal
 
+import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from PIL import Image
 
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
-from planfit.report.measures import BeforeAfter, Measures, measure
+from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
 from planfit.report.plots.drawing import (
     AFTER,
     BEFORE,
+    BOTTOM_IN,
     FONT_PT,
     INK,
+    LEFT_IN,
+    LEGEND_IN,
     PANEL_IN,
     PATH,
     PATHS,
+    RIGHT_IN,
+    Entry,
     Picture,
     add_axes,
+    add_legend,
     clicks_of,
     new_figure,
     to_picture,
@@ -38,10 +42,9 @@ from planfit.report.plots.top_view import (
     draw_points,
     draw_scale,
     set_up_view,
+    view_figure,
 )
-from planfit.report.storey_measures import measure_storeys
 
-LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
 _TITLE_IN = 0.3
 WIDE_IN = 1.9 * PANEL_IN
 """Width of a picture that takes the whole page."""
@@ -49,12 +52,14 @@ _WIDE = 0.55
 """A scan with less height per width than this is drawn over the whole page."""
 
 
+SIZE_M = 8.0
+"""Side of the window of a close-up."""
+_MIN_DIFFERENCE_M = 0.02
+_MIN_POINTS = 50
+_CELLS = 8
+"""Cells a window has each way."""
 _NAMED_PATHS, _NAME_LENGTH = 3, 16
 """Paths of several scans that a legend names, and how long a name may be there."""
-
-
-Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
-"""Words, colour, and what stands before them: a square or a line."""
 
 
 def is_wide(crop: Crop) -> bool:
@@ -107,6 +112,7 @@ def _before_and_after(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop
     for k, side in enumerate((both.before, both.after)):
         left, bottom = width * (k % columns), height * (rows - 1 - k // columns)
         axes = add_axes(figure, left + LEFT_IN, bottom + BOTTOM_IN, axes_width, axes_height)
+        set_up_view(axes, crop, both.is_aligned)
         draw_side(axes, floorplan, both, side, crop)
         axes.text(
             0.0,
@@ -144,19 +150,11 @@ def side_picture(
     width_in: float = PANEL_IN,
 ) -> Picture:
     """One side alone, for a page that puts its own words beside it."""
-    figure, axes = view_figure(crop, width_in, LEGEND_IN)
+    figure, axes = view_figure(crop, width_in, LEGEND_IN, both.is_aligned)
     draw_side(axes, floorplan, both, side, crop)
     for mark in marks:
         draw_mark(axes, mark)
     return to_picture(figure, clicks_of("plan", axes))
-
-
-def view_figure(crop: Crop, width_in: float, above_in: float) -> tuple[Figure, Axes]:
-    """A figure with one view of a crop, true to scale, and room above it (inches)."""
-    axes_width = width_in - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + above_in)
-    return figure, add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
 
 
 def draw_side(
@@ -165,7 +163,6 @@ def draw_side(
     """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
     is_after = side is both.after
     color = AFTER if is_after else BEFORE
-    set_up_view(axes, crop, both.is_aligned)
     draw_points(axes, crop, side.wall_xy, color)
     entries: list[Entry] = []
     if len(side.wall_xy):
@@ -185,32 +182,45 @@ def draw_side(
     add_legend(axes, entries)
 
 
-def add_legend(axes: Axes, entries: list[Entry]) -> None:
-    """A row above the axes."""
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=color,
-            marker="s" if kind == "s" else "",
-            linestyle="none" if kind == "s" else kind,
-            markersize=5,
-            linewidth=1.3,
-            label=words,
-        )
-        for words, color, kind in entries
-    ]
-    axes.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        borderaxespad=0.15,
-        borderpad=0.2,
-        ncols=len(handles),
-        frameon=False,
-        fontsize=FONT_PT,
-        labelcolor=INK,
-        handlelength=1.5,
-        handletextpad=0.4,
-        columnspacing=1.0,
+def choose_close_ups(both: BeforeAfter, crop: Crop, max_count: int = 3) -> tuple[Mark, ...]:
+    """Square windows that do not overlap, the greatest change of distance to the plan first.
+
+    None where the scan is so small that its overview shows everything.
+    """
+    if not both.has_walls or crop.size.max() < 2 * SIZE_M:
+        return ()
+    # Far strays would outweigh whole walls.
+    before, after = (np.minimum(s.wall_distances_m, 1.0) for s in (both.before, both.after))
+    inside = crop.contains(both.after.wall_xy)
+    xy, difference = both.after.wall_xy[inside], np.abs(before - after)[inside]
+    cell_m = SIZE_M / _CELLS
+    shape = np.maximum(np.ceil(crop.size / cell_m).astype(int), _CELLS)
+    at = np.minimum(((xy - crop.low) / cell_m).astype(int), shape - 1)
+    flat, n_cells = at[:, 1] * shape[0] + at[:, 0], int(shape.prod())
+    sums = np.bincount(flat, difference, n_cells).reshape(shape[1], shape[0])
+    counts = np.bincount(flat, minlength=n_cells).reshape(shape[1], shape[0])
+    # Points near the middle of a window weigh more, so that what matters is centred.
+    centred = np.outer(*[np.hanning(_CELLS + 2)[1:-1]] * 2)
+    score, sums, counts = (
+        _in_windows(sums, centred),
+        _in_windows(sums, np.ones_like(centred)),
+        _in_windows(counts, np.ones_like(centred)),
     )
+    score[(counts < _MIN_POINTS) | (sums < _MIN_DIFFERENCE_M * counts)] = -1.0
+    marks: list[Mark] = []
+    for letter in "ABCDEFGH"[:max_count]:
+        row, column = np.unravel_index(int(np.argmax(score)), score.shape)
+        if score[row, column] <= 0:
+            break
+        low = crop.low + cell_m * np.array([column, row])
+        marks.append(Mark(letter, Crop(low, low + SIZE_M)))
+        score[
+            max(row - _CELLS + 1, 0) : row + _CELLS, max(column - _CELLS + 1, 0) : column + _CELLS
+        ] = -1.0  # every window that overlaps this one
+    return tuple(marks)
+
+
+def _in_windows(cells: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Weighted sums of all square windows of cells."""
+    windows = np.lib.stride_tricks.sliding_window_view(cells, weights.shape)
+    return np.einsum("ijkl,kl->ij", windows, weights)

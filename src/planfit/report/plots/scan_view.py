@@ -140,8 +140,4 @@ def _crop(centres: np.ndarray, xy: np.ndarray) -> Crop:
     parts = [centres[:, :2]]
     if len(xy) > 20:
         parts.append(np.percentile(xy, [0.5, 99.5], axis=0))
-    every = np.concatenate(parts)
-    low, high = every.min(axis=0) - _MARGIN_M, every.max(axis=0) + _MARGIN_M
-    size, middle = high - low, (low + high) / 2
-    size = np.array([max(size[0], size[1] / 1.2), max(size[1], size[0] * 0.25)])
-    return Crop(middle - size / 2, middle + size / 2)
+    return Crop.around(np.concatenate(parts), _MARGIN_M, (0.25, 1.2))

@@ -9,14 +9,26 @@ from jaxtyping import Bool, Float, Int
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from planfit.report.measures import BeforeAfter
-from planfit.report.plots.drawing import DPI, FONT_PT, GREY, INK, PATH, PATHS
+from planfit.report.plots.drawing import (
+    BOTTOM_IN,
+    DPI,
+    FONT_PT,
+    GREY,
+    INK,
+    LEFT_IN,
+    PATH,
+    PATHS,
+    RIGHT_IN,
+    add_axes,
+    new_figure,
+)
 from planfit.scan.joined import FramesOfScan
 
-_MARGIN_M = 1.0
 _GAP_M = 2.0
 """A step from frame to frame above this, and above five usual ones, is a gap in the recording."""
 
@@ -37,6 +49,37 @@ class Crop:
     def height_per_width(self) -> float:
         """Shape."""
         return float(self.size[1] / self.size[0])
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top, m."""
+        return float(self.low[0]), float(self.high[0]), float(self.low[1]), float(self.high[1])
+
+    @staticmethod
+    def around(
+        points: Float[np.ndarray, "m 2"],
+        margin_m: float = 1.0,
+        shapes: tuple[float, float] = (0.2, 1.6),
+    ) -> "Crop":
+        """What holds all points (m) and a margin.
+
+        Args:
+            points: one or more.
+            margin_m: to each side.
+            shapes: least and largest height per width; a longer rectangle is widened.
+        """
+        low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
+        size, middle = high - low, (low + high) / 2
+        size = np.array([max(size[0], size[1] / shapes[1]), max(size[1], size[0] * shapes[0])])
+        return Crop(middle - size / 2, middle + size / 2)
+
+    def cells_of(
+        self, inside: Float[np.ndarray, "m 2"], columns: int, rows: int
+    ) -> Int[np.ndarray, " m"]:
+        """Cell of each point that lies within, row by row from the lower left, of a grid over the crop."""
+        at = ((inside - self.low) / self.size * [columns, rows]).astype(int)
+        at = np.minimum(at, [columns - 1, rows - 1])  # the upper border belongs to the last cell
+        return at[:, 1] * columns + at[:, 0]
 
     def contains(self, xy: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Whether points lie within."""
@@ -71,11 +114,23 @@ def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) ->
             elif len(points):
                 parts.append(points)
         parts.append(side.trajectory[:, :2])
-    points = np.concatenate(parts)
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    size, middle = high - low, (low + high) / 2
-    size = np.array([max(size[0], size[1] / shapes[1]), max(size[1], size[0] * shapes[0])])
-    return Crop(middle - size / 2, middle + size / 2)
+    return Crop.around(np.concatenate(parts), shapes=shapes)
+
+
+def view_figure(
+    crop: Crop,
+    width_in: float,
+    above_in: float,
+    is_aligned: bool = True,
+    right_in: float = RIGHT_IN,
+) -> tuple[Figure, Axes]:
+    """A figure with one view of a crop, set up and true to scale, and room above and right of it (inches)."""
+    axes_width = width_in - LEFT_IN - right_in
+    axes_height = axes_width * crop.height_per_width
+    figure = new_figure(width_in, BOTTOM_IN + axes_height + above_in)
+    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
+    set_up_view(axes, crop, is_aligned)
+    return figure, axes
 
 
 def set_up_view(axes: Axes, crop: Crop, is_aligned: bool = True) -> None:
@@ -109,16 +164,14 @@ def draw_points(
     inside = xy[crop.contains(xy)]
     if len(inside) == 0:
         return
-    at = ((inside - crop.low) / crop.size * [columns, rows]).astype(int)
-    at = np.minimum(at, [columns - 1, rows - 1])  # the upper border belongs to the last cell
-    counts = np.bincount(at[:, 1] * columns + at[:, 0], minlength=rows * columns)
+    counts = np.bincount(crop.cells_of(inside, columns, rows), minlength=rows * columns)
     full = max(float(np.percentile(counts[counts > 0], 90)), 1.0)
     image = np.ones((rows * columns, 4))
     image[:, :3] = to_rgb(color)
     image[:, 3] = np.where(counts > 0, 0.35 + 0.65 * np.minimum(counts / full, 1.0), 0.0)
     axes.imshow(
         image.reshape(rows, columns, 4),
-        extent=extent or (crop.low[0], crop.high[0], crop.low[1], crop.high[1]),
+        extent=extent or crop.extent,
         origin="lower",
         interpolation="nearest",
         aspect="auto" if extent else "equal",
