@@ -16,7 +16,7 @@ from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.export.option_files import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
-from planfit.pipeline.by_hand import corrected_plan
+from planfit.pipeline.corrected import corrected_plan
 from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import archive_of, options_of

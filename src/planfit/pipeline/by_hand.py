@@ -7,8 +7,6 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.corrections import Contradiction, Correction, Corrections
 from planfit.errors import OptionError, ScanError
-from planfit.floorplan import Floorplan
-from planfit.floorplan.edits import PlanEdits, edited, faces_at
 from planfit.geometry import se3
 from planfit.matching import (
     HandLoop,
@@ -103,42 +101,6 @@ def allowed_surfaces(known: SurfaceMotions, verdicts: HandVerdicts | None) -> Su
     if verdicts is None:
         return known
     return replace(known, neighbours=known.neighbours[verdicts.allows(known.neighbours.pairs)])
-
-
-def corrected_plan(floorplan: Floorplan, corrections: Corrections) -> Floorplan:
-    """The plan with the walls that a person erased, drew and excluded.
-
-    Raises:
-        FloorplanError: a wall is not where it is said to be, or none is left.
-    """
-    erased, drawn, unused = (
-        corrections.wall_ends(kind) for kind in ("erase_wall", "draw_wall", "exclude_wall")
-    )
-    if len(erased) or len(drawn):
-        floorplan = edited(floorplan, PlanEdits(erased, (), drawn), corrections.name)
-    if len(unused) == 0:
-        return floorplan
-    is_unused = np.zeros(len(floorplan), dtype=bool)
-    is_unused[faces_at(floorplan, unused, corrections.name)] = True
-    mark = f"{floorplan.fingerprint} without {np.flatnonzero(is_unused).tolist()}"
-    plan = replace(floorplan, is_unused=is_unused, fingerprint=mark)
-    plan.used()  # raises where none is left
-    return plan
-
-
-def require_one_plan(floorplan: object, corrections: Corrections) -> None:
-    """Raise `OptionError` where places and walls are given and there is not the one plan to take them."""
-    on_plan = [
-        each
-        for each in corrections
-        if each.kind in ("place", "exclude_wall", "erase_wall", "draw_wall")
-    ]
-    if on_plan and not isinstance(floorplan, Floorplan):
-        found = "none" if floorplan is None else "plans by storey"
-        raise OptionError(
-            f"{corrections.name}: {on_plan[0].kind} {on_plan[0].number}: expected one plan, found {found}; "
-            "give frames and loops alone, and correct plans of storeys by --plan-edits"
-        )
 
 
 def contradictions_among(corrections: Corrections) -> tuple[Contradiction, ...]:

@@ -1,19 +1,59 @@
 """What is given to `refine`, `align` and `refine_together`, refused there where it is of another type."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
+from planfit.adjust import check_extra_terms
+from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import OptionError, printable
 from planfit.floorplan import Floorplan
+from planfit.lsq import Term
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.scan import Scan
+from planfit.survey import Survey
+from planfit.tracking import choose_keyframes
 
 _READ = {
     "scan": "read one with planfit.read_scan",
     "floorplan": "read one with planfit.read_floorplan",
 }
 _MAX_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Given:
+    """What one refinement starts from."""
+
+    scan: Scan
+    floorplan: Floorplan | Mapping[int, Floorplan] | None
+    """One plan, a plan for each storey by its number, or none."""
+    options: RefineOptions
+    runtime: Runtime
+    observations: Observations | None = None
+    """What the scan shows, where a user knows it; else it is extracted."""
+    extra_terms: tuple[Term, ...] = ()
+    """Terms of a user's own in the adjustment on the plan."""
+    survey: Survey | None = None
+    corrections: Corrections = NO_CORRECTIONS
+
+    def require_frames_of_terms(self) -> None:
+        """Raise `OptionError` before any matching where the adjustment would refuse extra terms."""
+        if not self.extra_terms:
+            return
+        if self.observations is None:
+            scan = self.scan
+            keyframe_idx = choose_keyframes(
+                scan.world_from_cams, scan.timestamps, self.options.keyframes
+            )
+        else:
+            keyframe_idx = self.observations.keyframe_idx
+        n_frames = len(self.scan)
+        n_keyframes = n_frames if keyframe_idx is None else len(keyframe_idx)
+        n_reduced = None if n_keyframes == n_frames else n_keyframes
+        check_extra_terms(self.extra_terms, self.options.adjust, n_reduced)
 
 
 def require_given(scan: Any, floorplan: Any, options: Any, runtime: Any) -> None:

@@ -1,63 +1,29 @@
 """The method on one screen: from a posed scan and a floorplan to poses that fit the plan."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from functools import partial
 
-import numpy as np
-
-from planfit.adjust import PlanAdjustment, adjust_to_plan, check_extra_terms, settle_walls
 from planfit.adjust.calibration import Calibration
-from planfit.corrections import NO_CORRECTIONS, Contradiction, Corrections
-from planfit.errors import require
+from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.by_hand import (
-    contradictions_among,
-    contradictions_of_images,
-    corrected_plan,
-    look_by_hand,
-    require_one_plan,
+from planfit.pipeline.calibrate import with_priors_of
+from planfit.pipeline.corrected import (
+    judge_by_hand,
+    observe_by_hand,
+    solve_corrected,
+    with_corrected_plan,
 )
-from planfit.pipeline.calibrate import (
-    CalibratedScan,
-    calibrate_alone,
-    calibrate_on_plan,
-    with_doubt_of_scale,
-    with_priors_of,
-)
-from planfit.pipeline.contradicted import (
-    ByHand,
-    ContradictedError,
-    by_hand_outcome,
-    first_of_each,
-    loops_against_motion,
-    with_places,
-)
-from planfit.pipeline.fitted_thickness import with_fitted_thickness
-from planfit.pipeline.folds import cut_into_stretches
-from planfit.pipeline.given import require_given
-from planfit.pipeline.jumps import align_with_jumps
-from planfit.pipeline.observations import (
-    Observations,
-    corrected_observations,
-    extract_observations,
-)
-from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
+from planfit.pipeline.given import Given, require_given
+from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.places_and_walls import against_walls
-from planfit.pipeline.predicted_error import error_model
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
-from planfit.pipeline.storeys import place_on_storeys
-from planfit.pipeline.survey import SurveyedScan, observe_survey, place_by_control
+from planfit.pipeline.solve import solve
+from planfit.pipeline.survey import observe_survey
 from planfit.pipeline.validation import validate
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.survey import Survey
-from planfit.tracking import choose_keyframes
-
-MAX_CORRECTIONS = 2
-"""Times that walls may correct the sensor; most scans need none, others one."""
 
 
 def refine(
@@ -98,104 +64,60 @@ def refine(
             Or a correction names what is not there, or others that contradict it prevent any solution.
     """
     require_given(scan, floorplan, options, runtime)
-    chosen, own = options or RefineOptions(), tuple(extra_terms)
-    _require_frames_for(own, scan, chosen, observations)
-    if not corrections.entries:
-        return _refined(scan, floorplan, chosen, runtime, observations, own, survey, NO_CORRECTIONS)
-    solve = partial(_refined, scan, floorplan, chosen, runtime, observations, own, survey)
-    require_one_plan(floorplan, corrections)
-    corrections.require_frames(len(scan))
-    require(
-        not corrections.walls("exclude_wall") or chosen.adjust.wall_strategy == "fixed",
-        f"{corrections.name}: exclude_wall: expected adjust.wall-strategy fixed, found "
-        f"{chosen.adjust.wall_strategy}; erase_wall leaves a wall out of all of them",
+    given = Given(
+        scan=scan,
+        floorplan=floorplan,
+        options=options or RefineOptions(),
+        runtime=runtime or Runtime(),
+        observations=observations,
+        extra_terms=tuple(extra_terms),
+        survey=survey,
+        corrections=corrections,
     )
-    return _settled(solve, corrections, without_contradicted)
+    given.require_frames_of_terms()
+    if not corrections.entries:
+        return refine_given(given)
+    return solve_corrected(refine_given, given, without_contradicted)
 
 
-def _settled(
-    solve: Callable[[Corrections], RefineResult], corrections: Corrections, leave_out: bool
-) -> RefineResult:
-    """A result with corrections; where `leave_out`, solved again without what contradicts it until nothing
-    does."""
-    left_out: tuple[Contradiction, ...] = ()
-    while True:  # ends, as each round leaves one out or is the last
-        used = corrections.without(left_out)
-        try:
-            among = contradictions_among(used)
-            if among:
-                raise ContradictedError(corrections.name, among)
-            result = solve(used)
-        except ContradictedError as error:
-            if not leave_out:
-                raise
-            left_out += error.contradictions
-            continue
-        told = result.by_hand
-        if not leave_out or told is None or not told.contradictions:
-            break
-        left_out += told.contradictions
-    told = result.by_hand or ByHand(used, (), ())
-    told = replace(told, left_out=left_out)
-    return replace(result, by_hand=told, warnings=(*told.warnings, *result.warnings))
+def refine_given(given: Given) -> RefineResult:
+    """One refinement, with all corrections that are given, whatever they come to.
 
-
-def _refined(
-    scan: Scan,
-    floorplan: Floorplan | Mapping[int, Floorplan] | None,
-    chosen: RefineOptions,
-    runtime: Runtime | None,
-    observations: Observations | None,
-    own: tuple[Term, ...],
-    survey: Survey | None,
-    corrections: Corrections,
-) -> RefineResult:
-    """One solve, with these corrections, whatever they come to."""
-    given = floorplan
-    if isinstance(floorplan, Floorplan):
-        floorplan = corrected_plan(floorplan, corrections)
-    timer = StageTimer(runtime or Runtime())
-    surveyed = None
-    if survey is not None:
-        with timer.stage("survey"):
-            surveyed = observe_survey(scan, survey, floorplan, chosen, runtime)
+    Raises:
+        ContradictedError: with these corrections nothing can be solved.
+        And as `refine`.
+    """
+    timer, asked = StageTimer(given.runtime), given
+    given = with_corrected_plan(given)
+    surveyed = observe_survey(given, timer)
     # Gravity, floor and walls (paper, Sec. III-A and III-B), matches of keypoints.
-    seen = observations or extract_observations(
-        scan, chosen, runtime, timer=timer, corrections=corrections
+    seen = given.observations or extract_observations(
+        given.scan,
+        given.options,
+        given.runtime,
+        timer=timer,
+        corrections=given.corrections,
     )
     if surveyed is not None:
         seen = replace(seen, control=surveyed.control)
-    if corrections.entries and seen.by_hand is None:
-        by_hand = look_by_hand(scan, corrections, chosen, runtime or Runtime())
-        assert by_hand is not None
-        seen = corrected_observations(seen, by_hand)
-    against = () if seen.by_hand is None else contradictions_of_images(seen.by_hand)
-    if any(each.prevents for each in against):
-        prevented = tuple(each for each in against if each.prevents)
-        raise ContradictedError(corrections.name, prevented)
-    # Keyframes; loops closed by what needs no plan; the sensor, by the same; plan and sensor in turns.
-    held = with_priors_of(chosen, seen)
-    calibrated, on_plan, adjustment = _solve(scan, seen, floorplan, held, own, timer, surveyed)
+    seen = observe_by_hand(seen, given)
+    # Alignment of the whole, then each pose (paper, Sec. III-A, III-D and III-E); the sensor in between.
+    given = replace(given, options=with_priors_of(given.options, seen))
+    solved = solve(given, seen, timer, surveyed)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
-        prepared, structure = calibrated.prepared, calibrated.observations.structure
-        found = calibrated.calibration
-        validation = validate(prepared, on_plan, adjustment, structure, held, own, found)
-    result = make_result(scan, calibrated, on_plan, adjustment, validation, chosen, timer, surveyed)
-    made_of = MadeOf(scan, given, chosen)
-    if seen.by_hand is None:
-        return replace(result, made_of=made_of)
-    told, more = by_hand_outcome(
-        seen.by_hand,
-        result.plan_from_cams,
-        on_plan.plan_from_level @ prepared.level_from_world,
-        on_plan,
-        chosen.align.control_point_tolerance_m,
-    )
-    positions = result.initial_plan_from_cams[:, :3, 3]
-    bent = loops_against_motion(corrections, result.evidence.disagreements, positions)
-    found = first_of_each((*against, *more, *bent))
-    return replace(result, made_of=made_of, by_hand=ByHand(corrections, told, found))
+        validation = validate(
+            solved.prepared,
+            solved.on_plan,
+            solved.adjustment,
+            solved.calibrated.observations.structure,
+            given.options,
+            given.extra_terms,
+            solved.calibrated.calibration,
+        )
+    made_of = MadeOf(asked.scan, asked.floorplan, asked.options)
+    result = replace(make_result(given, solved, validation, timer), made_of=made_of)
+    return judge_by_hand(result, given, seen, solved)
 
 
 def calibrate(
@@ -208,110 +130,8 @@ def calibrate(
 
     Arguments and errors are those of `refine`; without a plan, matches, floor and recorded motion tell.
     """
-    chosen = options or RefineOptions()
-    timer = StageTimer(runtime or Runtime())
-    seen = extract_observations(scan, chosen, runtime, timer=timer)
-    held = with_priors_of(chosen, seen)
-    return _solve(scan, seen, floorplan, held, (), timer)[0].calibration
-
-
-def _solve(
-    scan: Scan,
-    seen: Observations,
-    floorplan: Floorplan | Mapping[int, Floorplan] | None,
-    options: RefineOptions,
-    extra_terms: tuple[Term, ...],
-    timer: StageTimer,
-    surveyed: SurveyedScan | None = None,
-) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
-    """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor."""
-    place = partial(_place, scan, floorplan, options, extra_terms, timer, surveyed)
-    calibrated, on_plan, adjustment = place(calibrate_alone(scan, seen, options, timer))
-    first = calibrated, on_plan
-    for _ in range(MAX_CORRECTIONS):
-        # Walls may show that the sensor is off: then all that follows from its points comes again.
-        before = calibrated
-        calibrated = calibrate_on_plan(scan, before, on_plan, adjustment, options, timer)
-        if calibrated.prepared is before.prepared:
-            break
-        calibrated, on_plan, adjustment = place(calibrated)
-    on_plan = with_doubt_of_scale(first, calibrated, on_plan)
-    # A sensor that is off looks like walls that were moved: these come last.
-    with timer.stage("adjust"):
-        prepared = calibrated.prepared
-        recorded = prepared.level_from_cams[prepared.keyframes.frame_idx]
-        stretch = cut_into_stretches(recorded, options.verdict.folds)
-        adjustment = settle_walls(
-            prepared.measurements,
-            on_plan.floorplan,
-            adjustment,
-            options.adjust,
-            lambda problem: error_model(problem, stretch, np.random.default_rng(options.seed)),
-            extra_terms,
-        )
-    return calibrated, on_plan, adjustment
-
-
-def _place(
-    scan: Scan,
-    floorplan: Floorplan | Mapping[int, Floorplan] | None,
-    options: RefineOptions,
-    extra_terms: tuple[Term, ...],
-    timer: StageTimer,
-    surveyed: SurveyedScan | None,
-    calibrated: CalibratedScan,
-) -> tuple[CalibratedScan, ScanOnPlan, PlanAdjustment]:
-    """Bring a scan onto its plan, as a whole, then each pose; with storeys, the scan learns its own."""
-    # Rotation, translation and scale of the whole (paper, Sec. III-A).
-    on_plan = STANDS_ALONE
-    prepared = calibrated.prepared
-    placed = options
-    if isinstance(floorplan, Floorplan):
-        placed = with_places(options, calibrated.observations.by_hand, prepared, floorplan)
-    if surveyed is not None and not isinstance(floorplan, Mapping):
-        # Control points take drift out, and say where the scan is.
-        prepared, on_plan = place_by_control(scan, prepared, surveyed, floorplan, placed, timer)
-        calibrated = replace(calibrated, prepared=prepared)
-    elif isinstance(floorplan, Floorplan):
-        calibrated, on_plan = align_with_jumps(scan, calibrated, floorplan, placed, timer)
-        prepared = calibrated.prepared
-        with timer.stage("align"):
-            on_plan = against_walls(on_plan, prepared, floorplan, placed)
-    elif floorplan is not None:
-        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
-        seen = calibrated.observations
-        placed = place_on_storeys(scan, seen, prepared, floorplan, options, timer)
-        prepared, on_plan = placed.prepared, placed.on_plan
-        calibrated = replace(calibrated, observations=placed.observations, prepared=prepared)
-    # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
-    # plan all terms but walls.
-    with timer.stage("adjust"):
-        start = on_plan.plan_from_level @ prepared.level_from_keys
-        measured, plan = prepared.measurements, on_plan.floorplan
-        adjustment = adjust_to_plan(measured, plan, start, options.adjust, extra_terms)
-        if plan is not None and plan.before_line is not None:
-            on_plan, poses = with_fitted_thickness(
-                on_plan, prepared, adjustment, options, extra_terms
-            )
-            adjustment = adjust_to_plan(
-                measured, on_plan.floorplan, poses, options.adjust, extra_terms
-            )
-    return calibrated, on_plan, adjustment
-
-
-def _require_frames_for(
-    extra_terms: tuple[Term, ...],
-    scan: Scan,
-    options: RefineOptions,
-    observations: Observations | None,
-) -> None:
-    """Refuse now, not after matching, what the adjustment would refuse of extra terms."""
-    if not extra_terms:
-        return
-    if observations is None:
-        keyframe_idx = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
-    else:
-        keyframe_idx = observations.keyframe_idx
-    n_keyframes = len(scan) if keyframe_idx is None else len(keyframe_idx)
-    n_reduced = None if n_keyframes == len(scan) else n_keyframes
-    check_extra_terms(extra_terms, options.adjust, n_reduced)
+    given = Given(scan, floorplan, options or RefineOptions(), runtime or Runtime())
+    timer = StageTimer(given.runtime)
+    seen = extract_observations(scan, given.options, given.runtime, timer=timer)
+    given = replace(given, options=with_priors_of(given.options, seen))
+    return solve(given, seen, timer).calibrated.calibration

@@ -17,7 +17,6 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches, SurfacePairs
-from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.diagnostics import (
     adjustment_warnings,
@@ -26,11 +25,12 @@ from planfit.pipeline.diagnostics import (
     storey_warnings,
 )
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.on_plan import ScanOnPlan, Storeys
+from planfit.pipeline.given import Given
+from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.registration import Registration, register
 from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
-from planfit.pipeline.survey import SurveyedScan
+from planfit.pipeline.solve import Solved
 from planfit.pipeline.survey_residuals import survey_residuals, survey_warnings
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
@@ -160,16 +160,11 @@ def to_recorded_axes(
 
 
 def make_result(
-    scan: Scan,
-    calibrated: CalibratedScan,
-    on_plan: ScanOnPlan,
-    adjustment: PlanAdjustment,
-    validation: Validation,
-    options: RefineOptions,
-    timer: StageTimer,
-    surveyed: SurveyedScan | None = None,
+    given: Given, solved: Solved, validation: Validation, timer: StageTimer
 ) -> RefineResult:
     """All of it together, with what a user should know of it in words."""
+    scan, calibrated, surveyed = given.scan, solved.calibrated, solved.surveyed
+    on_plan, adjustment = solved.on_plan, solved.adjustment
     observations, prepared = calibrated.observations, calibrated.prepared
     structure, matches = observations.structure, observations.matches
     plan_from_world = on_plan.recorded_plan_from_level @ prepared.level_from_world
@@ -180,7 +175,7 @@ def make_result(
         survey = survey_residuals(
             surveyed, marks, on_plan.survey, validation.after, validation.evidence.left_out
         )
-    neighbours, has_plan = options.matching.pairs.neighbours, on_plan.floorplan is not None
+    neighbours, has_plan = given.options.matching.pairs.neighbours, on_plan.floorplan is not None
     return RefineResult(
         floorplan=on_plan.floorplan,
         plan_from_cams=validation.after,

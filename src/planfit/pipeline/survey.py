@@ -23,11 +23,12 @@ from planfit.geometry import se3
 from planfit.lsq import Problem
 from planfit.matching.verify import point_sigma
 from planfit.pipeline.align import align_to_plan, wall_samples
+from planfit.pipeline.given import Given
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan, SurveyOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import against_walls
 from planfit.pipeline.prepare import PreparedScan
-from planfit.runtime import Runtime, StageTimer, short_repr
+from planfit.runtime import StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.survey import (
     LiftedMarks,
@@ -69,38 +70,38 @@ class SurveyedScan:
         return ControlMarks(own.points_cam, own.frame_idx, own.point_idx, sigma_m)
 
 
-def observe_survey(
-    scan: Scan,
-    survey: Survey,
-    floorplan: Floorplan | Mapping[int, Floorplan] | None,
-    options: RefineOptions,
-    runtime: Runtime | None = None,
-) -> SurveyedScan:
-    """Lift all marks, and refuse now what could not be used after an hour of matching.
+def observe_survey(given: Given, timer: StageTimer) -> SurveyedScan | None:
+    """Lift all marks, and refuse now what could not be used after an hour of matching; None without a survey.
 
     Raises:
         OptionError: points lie off the plan, marks have no depth, there are too few points, or points on a
             line where nothing else tells where the scan is.
         ScanError: an image cannot be read.
     """
-    if isinstance(floorplan, Mapping):
-        raise OptionError(
-            "the survey: expected one plan, found plans by storey, on which control and check points are not "
-            "supported yet; refine each storey with its own plan"
+    survey, scan, floorplan, options = given.survey, given.scan, given.floorplan, given.options
+    if survey is None:
+        return None
+    with timer.stage("survey"):
+        if isinstance(floorplan, Mapping):
+            raise OptionError(
+                "the survey: expected one plan, found plans by storey, on which control and check points are "
+                "not supported yet; refine each storey with its own plan"
+            )
+        placed = place_points(survey, floorplan)
+        frames = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
+        verify = options.matching.verify
+        marks = find_marks(
+            scan, survey, frames, lambda depth: point_sigma(depth, verify), given.runtime
         )
-    placed = place_points(survey, floorplan)
-    frames = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
-    verify = options.matching.verify
-    marks = find_marks(scan, survey, frames, lambda depth: point_sigma(depth, verify), runtime)
-    surveyed = SurveyedScan(survey, marks, placed)
-    if not survey.is_check.all() and options.adjust.control.weight <= 0:
-        raise OptionError(
-            "adjust.control.weight: expected a weight above 0 with control points, found 0 (the paper's "
-            "preset has no such term); give a weight, or give the points as check points"
-        )
-    if floorplan is None:
-        _require_three(surveyed)
-    return surveyed
+        surveyed = SurveyedScan(survey, marks, placed)
+        if not survey.is_check.all() and options.adjust.control.weight <= 0:
+            raise OptionError(
+                "adjust.control.weight: expected a weight above 0 with control points, found 0 (the paper's "
+                "preset has no such term); give a weight, or give the points as check points"
+            )
+        if floorplan is None:
+            _require_three(surveyed)
+        return surveyed
 
 
 def _require_three(surveyed: SurveyedScan) -> None:

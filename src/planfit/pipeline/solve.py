@@ -1,0 +1,162 @@
+"""Sensor and poses in turns: a scan aligned with its plan and adjusted to it, which tells of its sensor."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from planfit.adjust import PlanAdjustment, adjust_to_plan, settle_walls
+from planfit.floorplan import Floorplan
+from planfit.pipeline.calibrate import (
+    CalibratedScan,
+    calibrate_alone,
+    calibrate_on_plan,
+    with_doubt_of_scale,
+)
+from planfit.pipeline.contradicted import with_places
+from planfit.pipeline.fitted_thickness import with_fitted_thickness
+from planfit.pipeline.folds import cut_into_stretches
+from planfit.pipeline.given import Given
+from planfit.pipeline.jumps import align_with_jumps
+from planfit.pipeline.observations import Observations
+from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
+from planfit.pipeline.places_and_walls import against_walls
+from planfit.pipeline.predicted_error import error_model
+from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.storeys import place_on_storeys
+from planfit.pipeline.survey import SurveyedScan, place_by_control
+from planfit.runtime import StageTimer, short_repr
+
+MAX_CORRECTIONS = 2
+"""Times that walls may correct the sensor; most scans need none, others one."""
+
+_Align = Callable[[CalibratedScan], tuple[CalibratedScan, ScanOnPlan]]
+"""Alignment of a whole scan with its plan; storeys, control points and jumps change the scan, too."""
+
+
+@dataclass(frozen=True)
+class Solved:
+    """A scan whose poses are adjusted."""
+
+    calibrated: CalibratedScan
+    on_plan: ScanOnPlan
+    adjustment: PlanAdjustment
+    surveyed: SurveyedScan | None = None
+    """The survey, where one was given, and where the scan sees it."""
+
+    __repr__ = short_repr
+
+    @property
+    def prepared(self) -> PreparedScan:
+        """The scan, its sensor corrected, loops closed."""
+        return self.calibrated.prepared
+
+
+def solve(
+    given: Given, seen: Observations, timer: StageTimer, surveyed: SurveyedScan | None = None
+) -> Solved:
+    """The sensor by what needs no plan, the scan on the plan; both again while walls correct the sensor.
+
+    Args:
+        given: scan, plan, options and extra terms.
+        seen: what the scan shows.
+        timer: times the stages.
+        surveyed: control points that it shows, if there are any.
+    """
+    options, adjust = given.options, partial(_adjusted, given, timer, surveyed)
+    solved = first = adjust(calibrate_alone(given.scan, seen, options, timer))
+    for _ in range(MAX_CORRECTIONS):
+        # Walls may show that the sensor is off: then all that follows from its points comes again.
+        calibrated = calibrate_on_plan(
+            given.scan, solved.calibrated, solved.on_plan, solved.adjustment, options, timer
+        )
+        if calibrated.prepared is solved.prepared:
+            solved = replace(solved, calibrated=calibrated)
+            break
+        solved = adjust(calibrated)
+    before = first.calibrated, first.on_plan
+    on_plan = with_doubt_of_scale(before, solved.calibrated, solved.on_plan)
+    # A sensor that is off looks like walls that were moved: these come last.
+    return _with_walls_settled(given, replace(solved, on_plan=on_plan), timer)
+
+
+def _adjusted(
+    given: Given, timer: StageTimer, surveyed: SurveyedScan | None, calibrated: CalibratedScan
+) -> Solved:
+    """The scan brought onto its plan as a whole, then each pose."""
+    options, terms = given.options, given.extra_terms
+    # Rotation, translation and scale of the whole (paper, Sec. III-A).
+    calibrated, on_plan = _aligner(given, timer, surveyed)(calibrated)
+    prepared = calibrated.prepared
+    # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
+    # plan all terms but walls.
+    with timer.stage("adjust"):
+        start = on_plan.plan_from_level @ prepared.level_from_keys
+        measured, plan = prepared.measurements, on_plan.floorplan
+        adjustment = adjust_to_plan(measured, plan, start, options.adjust, terms)
+        if plan is not None and plan.before_line is not None:
+            on_plan, poses = with_fitted_thickness(on_plan, prepared, adjustment, options, terms)
+            adjustment = adjust_to_plan(measured, on_plan.floorplan, poses, options.adjust, terms)
+    return Solved(calibrated, on_plan, adjustment, surveyed)
+
+
+def _with_walls_settled(given: Given, solved: Solved, timer: StageTimer) -> Solved:
+    """Adjusted again, with walls that stand elsewhere than drawn, or are not there."""
+    options, prepared = given.options, solved.prepared
+    with timer.stage("adjust"):
+        recorded = prepared.level_from_cams[prepared.keyframes.frame_idx]
+        stretch = cut_into_stretches(recorded, options.verdict.folds)
+        adjustment = settle_walls(
+            prepared.measurements,
+            solved.on_plan.floorplan,
+            solved.adjustment,
+            options.adjust,
+            lambda problem: error_model(problem, stretch, np.random.default_rng(options.seed)),
+            given.extra_terms,
+        )
+    return replace(solved, adjustment=adjustment)
+
+
+def _aligner(given: Given, timer: StageTimer, surveyed: SurveyedScan | None) -> _Align:
+    """How the scan is aligned: by control points, on one plan, on a plan for each storey, or not at all."""
+    if surveyed is not None:
+        # Control points take drift out, and say where the scan is.
+        return partial(_align_by_control, given, timer, surveyed)
+    if isinstance(given.floorplan, Floorplan):
+        return partial(_align_on_plan, given, timer, given.floorplan)
+    if given.floorplan is not None:
+        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
+        return partial(_align_storeys, given, timer, given.floorplan)
+    return lambda calibrated: (calibrated, STANDS_ALONE)
+
+
+def _align_by_control(
+    given: Given, timer: StageTimer, surveyed: SurveyedScan, calibrated: CalibratedScan
+) -> tuple[CalibratedScan, ScanOnPlan]:
+    prepared, plan = calibrated.prepared, given.floorplan
+    assert not isinstance(plan, Mapping)  # `observe_survey` refuses plans by storey
+    options = given.options
+    if plan is not None:
+        options = with_places(options, calibrated.observations.by_hand, prepared, plan)
+    prepared, on_plan = place_by_control(given.scan, prepared, surveyed, plan, options, timer)
+    return replace(calibrated, prepared=prepared), on_plan
+
+
+def _align_on_plan(
+    given: Given, timer: StageTimer, plan: Floorplan, calibrated: CalibratedScan
+) -> tuple[CalibratedScan, ScanOnPlan]:
+    by_hand = calibrated.observations.by_hand
+    options = with_places(given.options, by_hand, calibrated.prepared, plan)
+    calibrated, on_plan = align_with_jumps(given.scan, calibrated, plan, options, timer)
+    with timer.stage("align"):
+        return calibrated, against_walls(on_plan, calibrated.prepared, plan, options)
+
+
+def _align_storeys(
+    given: Given, timer: StageTimer, plans: Mapping[int, Floorplan], calibrated: CalibratedScan
+) -> tuple[CalibratedScan, ScanOnPlan]:
+    seen, prepared = calibrated.observations, calibrated.prepared
+    found = place_on_storeys(given.scan, seen, prepared, plans, given.options, timer)
+    calibrated = replace(calibrated, observations=found.observations, prepared=found.prepared)
+    return calibrated, found.on_plan
