@@ -37,8 +37,9 @@ from planfit.adjust import adjust_to_plan
 from planfit.evaluation import position_errors
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
-from planfit.pipeline.align import STANDS_ALONE, align_to_plan
+from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.observations import Observations, extract_observations
+from planfit.pipeline.on_plan import STANDS_ALONE
 from planfit.pipeline.prepare import prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, read_tum

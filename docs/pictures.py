@@ -19,7 +19,8 @@ from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import metric_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import AlignResult, align
-from planfit.pipeline.prepare import PreparedScan, extract_observations, prepare
+from planfit.pipeline.observations import extract_observations
+from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.report.plots.alignment import draw_alignment
 from planfit.report.plots.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
 from planfit.report.plots.overlay import draw_overlay

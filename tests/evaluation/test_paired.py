@@ -22,6 +22,7 @@ def test_by_hand():
     assert (ate.mean_a, ate.mean_b) == (2.0, 1.5)
     assert ate.mean_difference == pytest.approx(-0.5)
     assert ate.sigma == pytest.approx(1.0)
+    assert ate.standard_error == pytest.approx(1 / np.sqrt(3))
     assert (nsd.n, nsd.wins, nsd.losses) == (2, 1, 0)
 
 
@@ -30,7 +31,7 @@ def test_a_difference_that_hides_in_the_variance_of_the_cases_shows_in_pairs(rng
     a = {str(i): {"ate": float(v)} for i, v in enumerate(hard)}
     b = {str(i): {"ate": float(v - 0.1 + 0.05 * rng.normal())} for i, v in enumerate(hard)}
     (row,) = compare_paired(a, b)
-    assert row.mean_difference < -4 * row.sigma / np.sqrt(row.n)
+    assert row.mean_difference < -4 * row.standard_error
     assert row.wins > 25
 
 

@@ -28,6 +28,11 @@ class Paired:
     losses: int
     """Cases in which B is worse."""
 
+    @property
+    def standard_error(self) -> float:
+        """Standard error of the mean difference; a mean beyond twice of it is hardly chance."""
+        return self.sigma / np.sqrt(self.n)
+
 
 def compare_paired(a: Values, b: Values) -> list[Paired]:
     """Every metric that both have, case by case; in the order of A.

@@ -47,7 +47,8 @@ def options_of(values: Mapping[str, Any], defaults: Options, where: str) -> Opti
     Raises:
         OptionError: a name is unknown, or a value of another kind; the message begins with `where`.
     """
-    known = {field.name: getattr(defaults, field.name) for field in dataclasses.fields(defaults)}
+    found: Any = defaults
+    known = {field.name: getattr(found, field.name) for field in dataclasses.fields(found)}
     changed = {}
     for raw_name, value in values.items():
         name = raw_name.replace("-", "_")
@@ -57,7 +58,7 @@ def options_of(values: Mapping[str, Any], defaults: Options, where: str) -> Opti
                 f"{where}unknown option {raw_name!r}; {f'{meant} ' if meant else ''}known: {', '.join(known)}"
             )
         changed[name] = _converted(known[name], value, f"{where}{raw_name}: ")
-    return dataclasses.replace(defaults, **changed)
+    return dataclasses.replace(found, **changed)
 
 
 def whole_number(word: str) -> int | None:
