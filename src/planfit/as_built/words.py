@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from planfit.adjust.moved_walls import direction_words
 from planfit.as_built.types import AsBuiltWall, Verdict
+from planfit.findings import direction_words
 
 
 def in_words(wall: AsBuiltWall, verdict: Verdict) -> str:

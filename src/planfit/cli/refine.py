@@ -267,8 +267,8 @@ def tell_verdict(verdict: Verdict) -> None:
         if reason not in verdict.headline:
             out.print(f"  {reason}")
     for reservation in verdict.reservations:
-        if reservation.words not in verdict.headline:
-            out.print(f"  {reservation.words}; {reservation.advice}")
+        if reservation.what not in verdict.headline:
+            out.print(f"  {reservation.what}; {reservation.advice}")
     if not verdict.is_refined:
         err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
 

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from planfit.adjust.observability import frame_ranges
 from planfit.cli.console import out
 from planfit.errors import FloorplanError, OptionError, require
+from planfit.findings import frame_ranges
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storeys

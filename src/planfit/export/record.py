@@ -6,12 +6,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from planfit.alignment import Alignment
+from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
 from planfit.export.option_files import plain
 from planfit.export.registration import registration_record
 from planfit.export.survey import survey_record
+from planfit.findings import SCHEMA_VERSION, finding_record, words_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -40,6 +41,7 @@ def make_record(
     neighbours = options.matching.pairs.neighbours
     return {
         "planfit": version,
+        "schema_version": SCHEMA_VERSION,
         "inputs": inputs,
         "options": plain(options),
         **_scan_record(scan),
@@ -68,6 +70,7 @@ def make_record(
         "checks": [plain(check) for check in result.checks],
         "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
+        "findings": [finding_record(each) for each in result.findings],
         "seconds_by_stage": result.seconds_by_stage,
     }
 
@@ -138,7 +141,11 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
     return {
         "outcome": verdict.outcome.value,
         "reasons": list(verdict.reasons),
-        "reservations": [plain(each) for each in verdict.reservations],
+        "findings": [finding_record(each) for each in verdict.because],
+        "reservations": [
+            {**finding_record(each), "walls": list(words_of(each.parts))}
+            for each in verdict.reservations
+        ],
         "advice": verdict.advice,
         "predicted_error_rms_m": evidence.predicted_rms_m,
         "predicted_error_m": verdict.predicted_error_m.tolist(),
@@ -153,11 +160,18 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             {**plain(each), "words": each.sentence} for each in evidence.disagreements
         ],
         "torn_steps": [plain(step) for step in evidence.torn],
-        "adjusted_alignment": plain(evidence.alignment),
+        "adjusted_alignment": _adjusted_record(evidence.alignment),
         "misfit_without_and_with_walls": {
             name: list(both) for name, both in evidence.scan_costs.items()
         },
     }
+
+
+def _adjusted_record(adjusted: AdjustedAlignment | None) -> dict[str, Any] | None:
+    if adjusted is None:
+        return None
+    doubt = "" if adjusted.doubt is None else adjusted.doubt.words
+    return {**plain(adjusted), "doubt": doubt}
 
 
 def _finite_or_same(value: Any) -> Any:
@@ -187,7 +201,7 @@ def _tracking_record(tracking: Tracking) -> dict[str, Any]:
             "rotation": tracking.sigma_factors[0],
             "translation": tracking.sigma_factors[1],
         },
-        "breaks": [plain(found) for found in tracking.breaks],
+        "breaks": [{**plain(found), "reason": found.finding.words} for found in tracking.breaks],
     }
 
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from planfit.pipeline.survey_residuals import contradicted_words
+from planfit.findings import words_of
+from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.survey import RoleResiduals, SurveyResiduals
 
 HEADER = (
@@ -72,7 +73,7 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
             }
             for point in survey.points
         ],
-        "contradicted": contradicted_words(survey.points),
+        "contradicted": list(words_of(contradicted_points(survey.points))),
         "unseen": list(survey.unseen),
     }
 

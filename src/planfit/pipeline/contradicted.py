@@ -15,6 +15,7 @@ from planfit.alignment.control_points import (
 )
 from planfit.corrections import Contradiction, Correction, Corrections, Place
 from planfit.errors import OptionError
+from planfit.findings import Finding, PlanKind, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.by_hand import HandSeen
@@ -81,11 +82,15 @@ class ByHand:
         return words
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence for each that is contradicted."""
-        return (
-            *(f"contradicted by hand or scan: {each.sentence}" for each in self.contradictions),
-            *(f"left out, as contradicted: {each.sentence}" for each in self.left_out),
+    def findings(self) -> tuple[Finding, ...]:
+        """Each that is contradicted."""
+        return tuple(
+            Finding(kind, {"correction": each.correction.words, "reason": each.reason})
+            for kind, those in (
+                (SurveyKind.CORRECTION_CONTRADICTED, self.contradictions),
+                (SurveyKind.CORRECTION_LEFT_OUT, self.left_out),
+            )
+            for each in those
         )
 
 
@@ -247,7 +252,9 @@ def _places_against_walls(
     # Those of the options come before them.
     off_m = against.off_m[len(against.off_m) - len(places) :]
     return [
-        Contradiction(place, f"{off:.2f} m off where the walls put it: {against.sentence}")
+        Contradiction(
+            place, Finding(PlanKind.PLACE_OFF_BY_WALLS, {"off_m": off, **against.facts}).words
+        )
         for place, off in zip(places, off_m, strict=True)
         if off > tolerance_m
     ]

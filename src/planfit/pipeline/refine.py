@@ -137,7 +137,7 @@ def _settled(
         left_out += told.contradictions
     told = result.by_hand or ByHand(used, (), ())
     told = replace(told, left_out=left_out)
-    return replace(result, by_hand=told, warnings=(*told.warnings, *result.warnings))
+    return replace(result, by_hand=told, findings=(*told.findings, *result.findings))
 
 
 def _refined(

@@ -13,7 +13,7 @@ from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.links import Link
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult, above, to_recorded_axes
-from planfit.pipeline.sensor import sensor_parameters, sensor_warnings
+from planfit.pipeline.sensor import sensor_findings, sensor_parameters
 from planfit.pipeline.together.joined import JoinedScans
 from planfit.pipeline.together.observed import ObservedScan
 from planfit.pipeline.together.placing import PlacedBy
@@ -142,7 +142,7 @@ def result_of_scan(
         adjustment=_adjustment_of(together, own),
         solved_frame_idx=together.solved_frame_idx[is_key] - own.first,
         checks=tuple(check for check in checks if check),
-        warnings=(*observed.tracking.warnings, *sensor_warnings(parameters)),
+        findings=(*observed.tracking.findings, *sensor_findings(parameters)),
         verdict=judge(evidence, options.verdict),
         evidence=evidence,
         tracking=observed.tracking,

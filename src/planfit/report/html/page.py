@@ -10,10 +10,11 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
+from planfit.findings import words_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
-from planfit.pipeline.survey_residuals import contradicted_words
+from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.disagreement_section import disagreement_section
@@ -76,7 +77,7 @@ def make_report(
         sections.certainty(result, truth)
         + disagreement_section(
             result.evidence.disagreements,
-            [] if result.survey is None else contradicted_words(result.survey.points),
+            [] if result.survey is None else words_of(contradicted_points(result.survey.points)),
         ),
         registration_section(result.registration),
         survey_section(result.survey),
@@ -185,7 +186,7 @@ def _by_hand(by_hand: ByHand) -> str:
 
 def _reservations(verdict: Verdict) -> str:
     items = "".join(
-        f"<li>{escape(each.words[0].upper() + each.words[1:])}. "
+        f"<li>{escape(each.what[0].upper() + each.what[1:])}. "
         f"<em>What to do:</em> {escape(each.advice)}.</li>"
         for each in verdict.reservations
     )

@@ -5,8 +5,9 @@ from html import escape
 
 import numpy as np
 
+from planfit.findings import words_of
 from planfit.pipeline.result import RefineResult
-from planfit.pipeline.sensor import SensorParameter, sensor_warnings
+from planfit.pipeline.sensor import SensorParameter, sensor_findings
 from planfit.report import formatting
 from planfit.report.html.sections import captioned
 from planfit.report.html.tables import table
@@ -59,7 +60,7 @@ def farthest_point_m(result: RefineResult) -> float:
 
 
 def _in_words(rows: Sequence[SensorParameter]) -> str:
-    said = "; ".join(sensor_warnings(rows))
+    said = "; ".join(words_of(sensor_findings(rows)))
     if said:
         return f"{said[0].upper()}{said[1:]}."
     return (

@@ -5,7 +5,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from planfit.adjust.observability import frame_ranges
+from planfit.findings import frame_ranges
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report import formatting
