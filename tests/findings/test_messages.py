@@ -2,11 +2,11 @@
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from finding_records import KINDS, PAGE, check_findings
 from planfit.findings import (
     Finding,
     PlanKind,
@@ -17,13 +17,7 @@ from planfit.findings import (
     finding_record,
 )
 
-KINDS = {
-    kind.code: kind
-    for kinds in (ScanKind, PoseKind, PlanKind, ResultKind, SurveyKind)
-    for kind in kinds
-}
-PAGE = Path(__file__).parents[2] / "docs" / "findings.md"
-ROWS = re.findall(r"^\| `(\w+)` \| (\w+) \| `(\{.*\})` \| (.*) \|$", PAGE.read_text(), re.MULTILINE)
+ROWS = re.findall(r"^\| `(\w+)` \| (\w+) \| `(\{.*\})` \| (.*) \|$", PAGE, re.MULTILINE)
 
 
 def frozen(value):
@@ -53,6 +47,7 @@ def test_facts_are_told_to_the_letter(kind, severity, example, words):
     found = made(kind, **json.loads(example))
     assert found.words == words
     assert found.severity == severity
+    check_findings([finding_record(found)])
     if not found.advice:
         assert found.words == found.what
 

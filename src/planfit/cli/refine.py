@@ -237,7 +237,7 @@ def summarise(
         f"{found}labels from {result.structure.back_end}"
     )
     if len(result.surfaces):
-        out.print(result.surfaces.sentence)
+        out.print(result.surfaces.finding.words)
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
     alignment = result.alignment
@@ -263,12 +263,10 @@ def tell_verdict(verdict: Verdict) -> None:
     """The outcome, why, which frames are less sure, and what to do."""
     color = {Outcome.REFINED: "green", Outcome.IMPROVED: "yellow", Outcome.NO_BETTER: "red"}
     out.print(f"\n{verdict.headline}", style=color[verdict.outcome])
-    for reason in verdict.reasons:
-        if reason not in verdict.headline:
-            out.print(f"  {reason}")
-    for reservation in verdict.reservations:
-        if reservation.what not in verdict.headline:
-            out.print(f"  {reservation.what}; {reservation.advice}")
+    for reason in verdict.further_reasons:
+        out.print(f"  {reason}")
+    for reservation in verdict.further_reservations:
+        out.print(f"  {reservation.what}; {reservation.advice}")
     if not verdict.is_refined:
         err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
 

@@ -78,7 +78,7 @@ def make_record(
 def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
     """Corrections by hand: the text of those that were used, what each came to, and those left out."""
     reasons = {
-        (each.correction.kind, each.correction.number): each.reason
+        (each.correction.kind, each.correction.number): each.reason.words
         for each in by_hand.contradictions
     }
     return {
@@ -95,7 +95,7 @@ def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
             for each in by_hand.outcomes
         ],
         "left_out": [
-            {"words": each.correction.words, "contradicted": each.reason}
+            {"words": each.correction.words, "contradicted": each.reason.words}
             for each in by_hand.left_out
         ],
         "toml": to_toml(by_hand.used),

@@ -129,10 +129,11 @@ class ScanKind(Kind):
         "matches and the floor were used",
         "give wall masks, or scan more of the walls",
     )
-    NO_COLOUR = Message(
+    NO_COLOUR = Message(NOTE, ("the scan has no colour: ", lambda parts: parts[0]))
+    MATCHED_BY_GEOMETRY = Message(
         NOTE,
-        "the scan has no colour: {pair_count} pairs of frames were matched by geometry alone, "
-        "of which {free_pair_count} leave a direction free",
+        "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} leave a "
+        "direction free",
     )
     NO_MATCHES = Message(
         WARNING,

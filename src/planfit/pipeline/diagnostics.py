@@ -47,9 +47,7 @@ def scan_findings(
     if has_plan and not structure.has_walls:
         found.append(Finding(ScanKind.NO_WALL))
     if not scan.has_color:
-        n_free = int((surfaces.n_free > 0).sum())
-        facts = {"pair_count": len(surfaces), "free_pair_count": n_free}
-        found.append(Finding(ScanKind.NO_COLOUR, facts))
+        found.append(Finding(ScanKind.NO_COLOUR, parts=(surfaces.finding,)))
     if matches.n_matches == 0 and len(surfaces) == 0:
         facts = {"has_plan": has_plan, "has_colour": scan.has_color}
         found.append(Finding(ScanKind.NO_MATCHES, facts))

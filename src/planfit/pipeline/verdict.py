@@ -77,6 +77,18 @@ class Verdict:
         return tuple(each.what for each in self.because)
 
     @property
+    def further_reasons(self) -> tuple[str, ...]:
+        """Those that the headline does not have."""
+        return self.reasons if self.outcome is Outcome.IMPROVED else self.reasons[1:]
+
+    @property
+    def further_reservations(self) -> tuple[Finding, ...]:
+        """Those that the headline does not have."""
+        if self.outcome is Outcome.IMPROVED:
+            return self.reservations[1:]
+        return tuple(each for each in self.reservations if each.kind is not self.because[0].kind)
+
+    @property
     def advice(self) -> str:
         """What to do next, for the whole."""
         if self.outcome is Outcome.NO_BETTER:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from planfit.errors import OptionError
-from planfit.findings import Finding, SurveyKind
+from planfit.findings import Finding
 from planfit.floorplan import Floorplan
 from planfit.matching.between_scans import retrieve_between, verify_between
 from planfit.matching.pairs import distinct_views
@@ -89,7 +89,7 @@ def refine_together(
     made_of = replace(together.made_of, options=chosen)
     together = replace(together, scans=frames, seconds_by_stage=seconds, made_of=made_of)
     refined = [
-        RefinedScan(name, scan, None, placing.reasons.get(k, ""), None)
+        RefinedScan(name, scan, None, placing.reasons.get(k, ()), None)
         for k, (name, scan) in enumerate(zip(names, scans, strict=True))
     ]
     for k, place in enumerate(placing.places):
@@ -151,19 +151,18 @@ def _joint_options(options: RefineOptions, placed: Sequence[ObservedScan]) -> Re
 
 def _findings(refined: Sequence[RefinedScan], of_all: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Scans without a place first, then what is said of single scans, by name, and of all."""
-    left_out = [
-        Finding(SurveyKind.SCAN_LEFT_OUT, {"scan": each.name, "reason": each.reason})
-        for each in refined
-        if each.result is None
-    ]
+    left_out = [each.finding for each in refined if each.result is None]
     own = [
         found.about(each.name)
         for each in refined
         if each.result is not None
         for found in each.result.findings
     ]
-    # Breaks of the joined walk are those of its scans.
-    return tuple({found.words: found for found in (*left_out, *own, *of_all)}.values())
+    found: list[Finding] = []
+    for each in (*left_out, *own, *of_all):
+        if each not in found:  # breaks of the joined walk are those of its scans
+            found.append(each)
+    return tuple(found)
 
 
 def _number_of_scan(joined: JoinedScans) -> np.ndarray:
