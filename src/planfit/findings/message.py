@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
+from functools import partial
 from string import Formatter
 from typing import Any
 
@@ -47,6 +48,12 @@ class Message:
     def fact_names(self) -> frozenset[str]:
         """Facts that the words ask for."""
         return (_asked(self.what) | _asked(self.advice)) - GIVEN
+
+
+note = partial(Message, Severity.NOTE)
+warning = partial(Message, Severity.WARNING)
+reservation = partial(Message, Severity.RESERVATION)
+against = partial(Message, Severity.AGAINST)
 
 
 class Kind(Enum):

@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from planfit.findings.message import Kind, Message, Severity
+from planfit.findings.message import Kind, against, note, reservation, warning
 
-NOTE, WARNING, AGAINST = Severity.NOTE, Severity.WARNING, Severity.AGAINST
-RESERVATION = Severity.RESERVATION
 MAX_NAMED = 6
 """Points that a warning names."""
 LINES = (
@@ -96,28 +94,22 @@ def _points_off(points: tuple[str, ...], offs_m: tuple[float, ...]) -> str:
 class PlanKind(Kind):
     """Where on the plan the scan is, and what leaves that open."""
 
-    NOT_ALIGNED = Message(
-        WARNING, "the scan is not aligned with the plan: its own axes were kept, levelled"
-    )
-    NOT_AS_RECORDED = Message(
-        WARNING,
+    NOT_ALIGNED = warning("the scan is not aligned with the plan: its own axes were kept, levelled")
+    NOT_AS_RECORDED = warning(
         "the scan's format says its poses are in the plan's axes, but the walls fit {apart_m:.1f} m and "
         "{apart_deg:.0f} deg away from there; that alignment was taken",
     )
-    PLAN_MIRRORED = Message(
-        WARNING,
+    PLAN_MIRRORED = warning(
         "the plan is mirrored: {mirrored_wall_share:.0%} of the scanned wall fits it with left and "
         "right swapped, {wall_share:.0%} as drawn",
         lambda was_mirrored: f"run again {'without' if was_mirrored else 'with'} --mirror",
     )
-    LITTLE_WALL_ON_PLAN = Message(WARNING, _little_wall)
-    AMBIGUOUS_PLACE = Message(
-        WARNING,
+    LITTLE_WALL_ON_PLAN = warning(_little_wall)
+    AMBIGUOUS_PLACE = warning(
         ("ambiguous: ", RIVAL, _apart),
         "choose the other one with --align.candidate 2, or give control points",
     )
-    OTHER_PLACE_BETTER = Message(
-        WARNING,
+    OTHER_PLACE_BETTER = warning(
         (
             "another alignment fits the plan better ({other_wall_share:.0%} of the wall, {wall_share:.0%} "
             "here), ",
@@ -125,126 +117,103 @@ class PlanKind(Kind):
             "; the one asked for was taken",
         ),
     )
-    OTHER_PLACE_THAN_RECORDED = Message(
-        WARNING, (RIVAL, _apart, "; the one that the scan's format records was taken")
+    OTHER_PLACE_THAN_RECORDED = warning(
+        (RIVAL, _apart, "; the one that the scan's format records was taken")
     )
-    OTHER_PLACE_THAN_ASKED = Message(WARNING, (RIVAL, _apart, "; the one asked for was taken"))
-    LITTLE_MARGIN = Message(
-        WARNING,
+    OTHER_PLACE_THAN_ASKED = warning((RIVAL, _apart, "; the one asked for was taken"))
+    LITTLE_MARGIN = warning(
         "weak: {wall_share:.0%} of the scanned wall fits here and {other_wall_share:.0%} elsewhere, which "
         "the plan of another building may give as well",
         "look at the overlay, scan more walls, or give control points",
     )
-    DIRECTION_OPEN = Message(
-        WARNING,
+    DIRECTION_OPEN = warning(
         "ambiguous: the walls leave the alignment open along one direction, as in a corridor whose "
         "ends were not seen",
         "scan an end of it, or give control points",
     )
-    SCALE_OPEN = Message(
-        WARNING,
+    SCALE_OPEN = warning(
         "ambiguous: the walls leave the scale open",
         "give it, or two control points",
     )
-    PARTS_DISAGREE = Message(
-        WARNING,
+    PARTS_DISAGREE = warning(
         "weak: parts of the scan fit the plan at alignments that differ by {sigma_yaw_deg:.1f} deg, "
         "{sigma_m:.2f} m and {sigma_scale_share:.1%} of scale; the scan is deformed, or shows too little "
         "wall",
     )
-    PART_OFF_PLAN = Message(
-        WARNING,
+    PART_OFF_PLAN = warning(
         "weak: of the walk from {from_share:.0%} to {to_share:.0%} only {wall_share:.0%} of the wall lies on "
         "the plan; the scan is deformed there, or the plan shows other walls",
     )
-    SCAN_DEFORMED = Message(
-        WARNING,
+    SCAN_DEFORMED = warning(
         "weak: the walls fit the plan only when the scan is deformed by {deformation_m:.2f} m over "
         "{extent_m:.0f} m; drift is left that no loop has closed",
     )
-    PLAN_SEEN_THROUGH = Message(
-        WARNING,
+    PLAN_SEEN_THROUGH = warning(
         "weak: the camera saw through {seen_through_share:.0%} of the plan's wall where it looked "
         "({judged_m:.0f} m); is it the plan of this building and storey?",
     )
-    CENTRE_LINES = Message(NOTE, _centre_lines)
-    CENTRE_LINES_OF_THICK_WALLS = Message(WARNING, ("weak: ", _centre_lines))
-    SINGLE_LINES = Message(WARNING, LINES)
-    THICKNESS_FITTED = Message(NOTE, _fitted_thickness)
-    PLAN_RESCALED = Message(
-        WARNING,
+    CENTRE_LINES = note(_centre_lines)
+    CENTRE_LINES_OF_THICK_WALLS = warning(("weak: ", _centre_lines))
+    SINGLE_LINES = warning(LINES)
+    THICKNESS_FITTED = note(_fitted_thickness)
+    PLAN_RESCALED = warning(
         _rescaled,
         "compare a length that you know, and where the plan is right, run again with "
         "--align.metric-scale-tolerance 0",
         joint=": ",
     )
-    OTHER_SCALE = Message(
-        RESERVATION,
+    OTHER_SCALE = reservation(
         _other_scale,
         "compare a length that you know; where the plan is off, run again with "
         "--align.metric-scale-tolerance {tolerance_share:g}, which takes that scale",
     )
-    POINTS_LEAVE_LITTLE_WALL = Message(
-        WARNING,
+    POINTS_LEAVE_LITTLE_WALL = warning(
         "with the control points given, the plan explains only {wall_share:.0%} of the wall",
         "check their numbers, or leave them out",
         joint=": ",
     )
-    POINTS_AGAINST_WALLS = Message(
-        WARNING,
+    POINTS_AGAINST_WALLS = warning(
         (f"the control points given disagree with the walls: {WITHOUT_POINTS}: ", _points_off),
     )
-    PLACE_OFF_BY_WALLS = Message(
-        WARNING,
+    PLACE_OFF_BY_WALLS = warning(
         "{off_m:.2f} m off where the walls put it: " + WITHOUT_POINTS,
     )
-    EXTENTS_DIFFER = Message(
-        WARNING,
+    EXTENTS_DIFFER = warning(
         "the paper's method needs a scan of the whole plan and of nothing else, but the extents of "
         "scan and plan have the ratios {x_ratio:.3g} and {y_ratio:.3g} along the plan's axes",
     )
-    FEW_RIGHT_ANGLES = Message(
-        WARNING,
+    FEW_RIGHT_ANGLES = warning(
         "the paper's method needs walls at right angles, but only {orthogonal_share:.0%} of the scan's "
         "normals are near two orthogonal directions",
     )
-    ROTATIONS_ALIKE = Message(
-        WARNING,
+    ROTATIONS_ALIKE = warning(
         "the paper's method takes the nearest of four rotations, but two are alike: mean distances "
         "{distance_m:.2f} and {other_distance_m:.2f} m",
     )
-    LITTLE_WALL_BY_PAPER = Message(
-        WARNING,
+    LITTLE_WALL_BY_PAPER = warning(
         "only {wall_share:.0%} of the scanned wall lies on the plan's faces (at least {min_wall_share:.0%} "
         "expected) where the paper's method puts it",
     )
-    ADJUSTED_MIRRORED = Message(
-        AGAINST, "the scan fits the plan better with left and right swapped"
-    )
-    ADJUSTED_FITS_ELSEWHERE = Message(
-        AGAINST,
+    ADJUSTED_MIRRORED = against("the scan fits the plan better with left and right swapped")
+    ADJUSTED_FITS_ELSEWHERE = against(
         "the adjusted walls fit the plan elsewhere almost as well ({wall_share:.0%} of the wall here, "
         "{other_wall_share:.0%} there)",
     )
-    ADJUSTED_AT_OTHER_SCALE = Message(
-        AGAINST,
+    ADJUSTED_AT_OTHER_SCALE = against(
         "at another scale than the plan is drawn at, {wall_share:.0%} of the adjusted wall lies on it, and "
         "{other_wall_share:.0%} elsewhere, which the plan of another building may give as well",
     )
-    ADJUSTED_LITTLE_MARGIN = Message(
-        AGAINST,
+    ADJUSTED_LITTLE_MARGIN = against(
         "{wall_share:.0%} of the adjusted wall lies on the plan here and {other_wall_share:.0%} elsewhere, "
         "which the plan of another building may give as well",
     )
-    ADJUSTED_LITTLE_WALL = Message(
-        AGAINST,
+    ADJUSTED_LITTLE_WALL = against(
         "only {wall_share:.0%} of the adjusted wall lies on the plan, which may be of another place, storey "
         "or time",
     )
-    ADJUSTED_SEEN_THROUGH = Message(
-        AGAINST,
+    ADJUSTED_SEEN_THROUGH = against(
         "only {wall_share:.0%} of the adjusted wall lies on the plan, and the camera saw through "
         "{seen_through_share:.0%} of the plan's wall where it looked: it seems to be of another place or "
         "storey",
     )
-    ADJUSTED_SINGLE_LINES = Message(AGAINST, f"the place is {LINES}")
+    ADJUSTED_SINGLE_LINES = against(f"the place is {LINES}")

@@ -1,8 +1,6 @@
 """Findings of how far recorded poses are believed, and their words."""
 
-from planfit.findings.message import Kind, Message, Severity
-
-NOTE, WARNING, RESERVATION = Severity.NOTE, Severity.WARNING, Severity.RESERVATION
+from planfit.findings.message import Kind, note, reservation, warning
 
 
 def _clock(offset_s: float | None, offset_frames: float) -> str:
@@ -24,19 +22,16 @@ def _done(unmatched_after_frames: tuple[int, ...]) -> str:
 class PoseKind(Kind):
     """How far recorded poses are believed."""
 
-    POSES_IN_OWN_UNIT = Message(
-        NOTE,
+    POSES_IN_OWN_UNIT = note(
         "the recorded motion is not in metres: by what images and depth show of it, its unit is "
         "{metres_per_unit:.3g} m, and poses were multiplied by that",
         "if they are in metres, depth is in the wrong unit: give --depth-scale",
     )
-    CONVENTION_TAKEN = Message(NOTE, "the recorded poses were taken as {convention}")
-    CLOCK_CORRECTED = Message(
-        NOTE,
+    CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
+    CLOCK_CORRECTED = note(
         ("images are ", _clock, ": poses were read from the trajectory at the images' times"),
     )
-    CLOCK_OFF = Message(
-        WARNING,
+    CLOCK_OFF = warning(
         (
             "images are about ",
             _clock,
@@ -44,45 +39,38 @@ class PoseKind(Kind):
         ),
         "export the scan with more frames a second",
     )
-    POSES_REPEAT = Message(
-        RESERVATION,
+    POSES_REPEAT = reservation(
         "the recorded poses of {repeated_count} of {frame_count} frames repeat the one before while the "
         "images move, and say nothing of where the camera was",
         "export the scan with its poses, or give those of another tracker with --poses",
         joint=": ",
     )
-    MOTIONS_UNEXPLAINED = Message(
-        RESERVATION,
+    MOTIONS_UNEXPLAINED = reservation(
         "the recorded poses explain only {explained_share:.0%} of {motion_count} motions between "
         "neighbouring images, and no usual convention explains more",
         "check that poses and images belong to one recording, in the same order",
         joint=": ",
     )
-    TRACKER_NOISY = Message(
-        NOTE,
+    TRACKER_NOISY = note(
         "the tracker errs about {sigma_factor:.1f} times more than usual between frames: its motion was "
         "believed less",
     )
-    JUMP_CORRECTED = Message(
-        NOTE,
+    JUMP_CORRECTED = note(
         "the recorded motion jumps by {recorded_m:.1f} m and {recorded_deg:.0f} degrees after frame {first}, "
         "where the {witness} show a step of {corrected_m:.1f} m and {corrected_deg:.0f} degrees: corrected",
     )
-    FRAMES_DISPLACED = Message(
-        NOTE,
+    FRAMES_DISPLACED = note(
         "{which} {are} recorded {displacement_m:.1f} m and {displacement_deg:.0f} degrees away from where "
         "the images show them: corrected",
     )
-    POSE_STANDS_STILL = Message(
-        WARNING,
+    POSE_STANDS_STILL = warning(
         (
             "the recorded pose stands still from frame {first} to {last}, where the images move by "
             "{moved_m:.1f} m and {moved_deg:.0f} degrees: ",
             _done,
         ),
     )
-    POSES_LOST = Message(
-        WARNING,
+    POSES_LOST = warning(
         (
             "{which} ({lost_count} of {frame_count}) ",
             lambda lost_count: "has" if lost_count == 1 else "have",
@@ -90,21 +78,18 @@ class PoseKind(Kind):
             _done,
         ),
     )
-    ELSEWHERE_AFTER_LOST = Message(
-        WARNING,
+    ELSEWHERE_AFTER_LOST = warning(
         (
             "after the lost {which} the tracker goes on {departure_m:.1f} m and {departure_deg:.0f} degrees "
             "away from where it should: the frames from {next_frame} on are ",
             _done,
         ),
     )
-    PLACED_BY_REVISITS = Message(
-        NOTE,
+    PLACED_BY_REVISITS = note(
         "after frame {first}, where tracking was lost, the walk goes on {step_m:.1f} m and {step_deg:.0f} "
         "degrees further: placed by {revisit_count} revisits",
     )
-    REVISITS_CONTRADICT_MOTION = Message(
-        WARNING,
+    REVISITS_CONTRADICT_MOTION = warning(
         "revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "
         "images do not match, but not enough of them show where: left as recorded",
         "look at these frames in the report, or scan that part again",

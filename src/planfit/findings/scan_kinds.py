@@ -1,8 +1,7 @@
 """Findings of what a scan shows, and of its sensor, and their words."""
 
-from planfit.findings.message import Kind, Message, Severity
+from planfit.findings.message import Kind, note, warning
 
-NOTE, WARNING = Severity.NOTE, Severity.WARNING
 FAR_M = 3.0
 """Distance at which the quadratic part of depth is told in metres."""
 
@@ -103,58 +102,48 @@ def _check_of_sensor(is_of_depth: bool, is_of_lens: bool) -> str:
 class ScanKind(Kind):
     """What a scan shows, and its sensor."""
 
-    FEW_FRAMES = Message(
-        WARNING,
+    FEW_FRAMES = warning(
         "only {frame_count} frames: there is little to hold the poses together",
         "more frames that see the same places give a surer result",
     )
-    GRAVITY_UNSURE = Message(
-        WARNING,
+    GRAVITY_UNSURE = warning(
         "gravity is unsure (from {source})",
         "check that the floor is level in the report",
     )
-    NO_FLOOR = Message(
-        WARNING,
+    NO_FLOOR = warning(
         "no floor was seen: height and tilt follow the recorded poses",
         "tilt the camera down while scanning, or give floor masks",
     )
-    FLOOR_DRIFTED = Message(
-        WARNING,
+    FLOOR_DRIFTED = warning(
         _drifted_floor,
         "if there are stairs, scan them with images that overlap",
     )
-    NO_WALL = Message(
-        WARNING,
+    NO_WALL = warning(
         "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
         "matches and the floor were used",
         "give wall masks, or scan more of the walls",
     )
-    NO_COLOUR = Message(NOTE, ("the scan has no colour: ", lambda parts: parts[0]))
-    MATCHED_BY_GEOMETRY = Message(
-        NOTE,
+    NO_COLOUR = note(("the scan has no colour: ", lambda parts: parts[0]))
+    MATCHED_BY_GEOMETRY = note(
         "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} leave a "
         "direction free",
     )
-    NO_MATCHES = Message(
-        WARNING,
+    NO_MATCHES = warning(
         ("no two frames could be matched: poses were refined by ", _others, " alone"),
         _check_of_matches,
     )
-    NO_LOOPS = Message(
-        WARNING,
+    NO_LOOPS = warning(
         (
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by ",
             _others,
             " only",
         ),
     )
-    REVISIT_TEARS_STEP = Message(
-        NOTE,
+    REVISIT_TEARS_STEP = note(
         _torn_revisit,
     )
-    SENSOR_CORRECTED = Message(NOTE, lambda parts: "; ".join(parts))
-    SENSOR_IMPLAUSIBLE = Message(
-        WARNING,
+    SENSOR_CORRECTED = note(lambda parts: "; ".join(parts))
+    SENSOR_IMPLAUSIBLE = warning(
         (
             "the scan asks for ",
             lambda parts: " and ".join(parts),
@@ -162,5 +151,5 @@ class ScanKind(Kind):
         ),
         _check_of_sensor,
     )
-    PARAMETER_CORRECTED = Message(NOTE, _correction)
-    PARAMETER_IMPLAUSIBLE = Message(WARNING, _request)
+    PARAMETER_CORRECTED = note(_correction)
+    PARAMETER_IMPLAUSIBLE = warning(_request)
