@@ -4,6 +4,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
 from planfit.findings.message import Kind, Severity, filled, frame_ranges
 
 Fact = float | str | bool | tuple[float, ...] | tuple[str, ...] | None
@@ -87,8 +89,8 @@ def finding_record(finding: Finding) -> dict[str, Any]:
         "kind": finding.kind.code,
         "severity": finding.severity.value,
         "facts": {name: _plain(value) for name, value in finding.facts.items()},
-        "frames": [list(run) for run in finding.frames],
-        "faces": list(finding.faces),
+        "frames": [[int(first), int(last)] for first, last in finding.frames],
+        "faces": [int(face) for face in finding.faces],
         "parts": [finding_record(part) for part in finding.parts],
         "subject": finding.subject,
         "words": finding.what,
@@ -99,7 +101,7 @@ def finding_record(finding: Finding) -> dict[str, Any]:
 def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(each) for each in value]
-    if isinstance(value, float):
-        # JSON has no infinities; NumPy's floats are floats.
-        return float(value) if abs(value) < float("inf") else None
-    return value
+    if isinstance(value, np.generic):
+        value = value.item()
+    # JSON has neither infinities nor NaN.
+    return None if isinstance(value, float) and not np.isfinite(value) else value

@@ -97,7 +97,7 @@ class PlanKind(Kind):
     NOT_ALIGNED = warning("the scan is not aligned with the plan: its own axes were kept, levelled")
     NOT_AS_RECORDED = warning(
         "the scan's format says its poses are in the plan's axes, but the walls fit {apart_m:.1f} m and "
-        "{apart_deg:.0f} deg away from there; that alignment was taken",
+        "{apart_deg:.0f} deg away from there; that alignment was taken"
     )
     PLAN_MIRRORED = warning(
         "the plan is mirrored: {mirrored_wall_share:.0%} of the scanned wall fits it with left and "
@@ -115,7 +115,7 @@ class PlanKind(Kind):
             "here), ",
             _apart,
             "; the one asked for was taken",
-        ),
+        )
     )
     OTHER_PLACE_THAN_RECORDED = warning(
         (RIVAL, _apart, "; the one that the scan's format records was taken")
@@ -132,25 +132,24 @@ class PlanKind(Kind):
         "scan an end of it, or give control points",
     )
     SCALE_OPEN = warning(
-        "ambiguous: the walls leave the scale open",
-        "give it, or two control points",
+        "ambiguous: the walls leave the scale open", "give it, or two control points"
     )
     PARTS_DISAGREE = warning(
         "weak: parts of the scan fit the plan at alignments that differ by {sigma_yaw_deg:.1f} deg, "
         "{sigma_m:.2f} m and {sigma_scale_share:.1%} of scale; the scan is deformed, or shows too little "
-        "wall",
+        "wall"
     )
     PART_OFF_PLAN = warning(
         "weak: of the walk from {from_share:.0%} to {to_share:.0%} only {wall_share:.0%} of the wall lies on "
-        "the plan; the scan is deformed there, or the plan shows other walls",
+        "the plan; the scan is deformed there, or the plan shows other walls"
     )
     SCAN_DEFORMED = warning(
         "weak: the walls fit the plan only when the scan is deformed by {deformation_m:.2f} m over "
-        "{extent_m:.0f} m; drift is left that no loop has closed",
+        "{extent_m:.0f} m; drift is left that no loop has closed"
     )
     PLAN_SEEN_THROUGH = warning(
         "weak: the camera saw through {seen_through_share:.0%} of the plan's wall where it looked "
-        "({judged_m:.0f} m); is it the plan of this building and storey?",
+        "({judged_m:.0f} m); is it the plan of this building and storey?"
     )
     CENTRE_LINES = note(_centre_lines)
     CENTRE_LINES_OF_THICK_WALLS = warning(("weak: ", _centre_lines))
@@ -173,47 +172,45 @@ class PlanKind(Kind):
         joint=": ",
     )
     POINTS_AGAINST_WALLS = warning(
-        (f"the control points given disagree with the walls: {WITHOUT_POINTS}: ", _points_off),
+        (f"the control points given disagree with the walls: {WITHOUT_POINTS}: ", _points_off)
     )
-    PLACE_OFF_BY_WALLS = warning(
-        "{off_m:.2f} m off where the walls put it: " + WITHOUT_POINTS,
-    )
+    PLACE_OFF_BY_WALLS = warning("{off_m:.2f} m off where the walls put it: " + WITHOUT_POINTS)
     EXTENTS_DIFFER = warning(
         "the paper's method needs a scan of the whole plan and of nothing else, but the extents of "
-        "scan and plan have the ratios {x_ratio:.3g} and {y_ratio:.3g} along the plan's axes",
+        "scan and plan have the ratios {x_ratio:.3g} and {y_ratio:.3g} along the plan's axes"
     )
     FEW_RIGHT_ANGLES = warning(
         "the paper's method needs walls at right angles, but only {orthogonal_share:.0%} of the scan's "
-        "normals are near two orthogonal directions",
+        "normals are near two orthogonal directions"
     )
     ROTATIONS_ALIKE = warning(
         "the paper's method takes the nearest of four rotations, but two are alike: mean distances "
-        "{distance_m:.2f} and {other_distance_m:.2f} m",
+        "{distance_m:.2f} and {other_distance_m:.2f} m"
     )
     LITTLE_WALL_BY_PAPER = warning(
         "only {wall_share:.0%} of the scanned wall lies on the plan's faces (at least {min_wall_share:.0%} "
-        "expected) where the paper's method puts it",
+        "expected) where the paper's method puts it"
     )
     ADJUSTED_MIRRORED = against("the scan fits the plan better with left and right swapped")
     ADJUSTED_FITS_ELSEWHERE = against(
         "the adjusted walls fit the plan elsewhere almost as well ({wall_share:.0%} of the wall here, "
-        "{other_wall_share:.0%} there)",
+        "{other_wall_share:.0%} there)"
     )
     ADJUSTED_AT_OTHER_SCALE = against(
         "at another scale than the plan is drawn at, {wall_share:.0%} of the adjusted wall lies on it, and "
-        "{other_wall_share:.0%} elsewhere, which the plan of another building may give as well",
+        "{other_wall_share:.0%} elsewhere, which the plan of another building may give as well"
     )
     ADJUSTED_LITTLE_MARGIN = against(
         "{wall_share:.0%} of the adjusted wall lies on the plan here and {other_wall_share:.0%} elsewhere, "
-        "which the plan of another building may give as well",
+        "which the plan of another building may give as well"
     )
     ADJUSTED_LITTLE_WALL = against(
         "only {wall_share:.0%} of the adjusted wall lies on the plan, which may be of another place, storey "
-        "or time",
+        "or time"
     )
     ADJUSTED_SEEN_THROUGH = against(
         "only {wall_share:.0%} of the adjusted wall lies on the plan, and the camera saw through "
         "{seen_through_share:.0%} of the plan's wall where it looked: it seems to be of another place or "
-        "storey",
+        "storey"
     )
     ADJUSTED_SINGLE_LINES = against(f"the place is {LINES}")

@@ -29,7 +29,7 @@ class PoseKind(Kind):
     )
     CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
     CLOCK_CORRECTED = note(
-        ("images are ", _clock, ": poses were read from the trajectory at the images' times"),
+        ("images are ", _clock, ": poses were read from the trajectory at the images' times")
     )
     CLOCK_OFF = warning(
         (
@@ -53,22 +53,22 @@ class PoseKind(Kind):
     )
     TRACKER_NOISY = note(
         "the tracker errs about {sigma_factor:.1f} times more than usual between frames: its motion was "
-        "believed less",
+        "believed less"
     )
     JUMP_CORRECTED = note(
         "the recorded motion jumps by {recorded_m:.1f} m and {recorded_deg:.0f} degrees after frame {first}, "
-        "where the {witness} show a step of {corrected_m:.1f} m and {corrected_deg:.0f} degrees: corrected",
+        "where the {witness} show a step of {corrected_m:.1f} m and {corrected_deg:.0f} degrees: corrected"
     )
     FRAMES_DISPLACED = note(
         "{which} {are} recorded {displacement_m:.1f} m and {displacement_deg:.0f} degrees away from where "
-        "the images show them: corrected",
+        "the images show them: corrected"
     )
     POSE_STANDS_STILL = warning(
         (
             "the recorded pose stands still from frame {first} to {last}, where the images move by "
             "{moved_m:.1f} m and {moved_deg:.0f} degrees: ",
             _done,
-        ),
+        )
     )
     POSES_LOST = warning(
         (
@@ -76,18 +76,18 @@ class PoseKind(Kind):
             lambda lost_count: "has" if lost_count == 1 else "have",
             " the identity as pose, as trackers write it that are lost: ",
             _done,
-        ),
+        )
     )
     ELSEWHERE_AFTER_LOST = warning(
         (
             "after the lost {which} the tracker goes on {departure_m:.1f} m and {departure_deg:.0f} degrees "
             "away from where it should: the frames from {next_frame} on are ",
             _done,
-        ),
+        )
     )
     PLACED_BY_REVISITS = note(
         "after frame {first}, where tracking was lost, the walk goes on {step_m:.1f} m and {step_deg:.0f} "
-        "degrees further: placed by {revisit_count} revisits",
+        "degrees further: placed by {revisit_count} revisits"
     )
     REVISITS_CONTRADICT_MOTION = warning(
         "revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "

@@ -72,23 +72,18 @@ class ResultKind(Kind):
         "look at the overlay",
     )
     WALLS_MOVED = warning(_moved_walls)
-    WALL_MOVED = warning(
-        _moved_wall,
-    )
+    WALL_MOVED = warning(_moved_wall)
     HELD_BY_ODOMETRY = warning(
-        (
-            "{which} {are} held by odometry alone: they match no other frame and see ",
-            _unseen,
-        ),
+        ("{which} {are} held by odometry alone: they match no other frame and see ", _unseen)
     )
     NOT_HELD = warning(
         (
             "{which} {are} not held by anything and stay where they were: they match no other frame and see ",
             _unseen,
-        ),
+        )
     )
     NO_WALL_HOLDS = warning(
-        ("no wall of the plan holds ", _who, ": its alignment follows the recorded one"),
+        ("no wall of the plan holds ", _who, ": its alignment follows the recorded one")
     )
     NOTHING_HOLDS_ALONG = warning(
         (
@@ -96,7 +91,7 @@ class ResultKind(Kind):
             _who,
             _along,
             ": all walls that it sees run that way, and it stays there where the alignment put it",
-        ),
+        )
     )
     NOTHING_HOLDS_YAW = warning(("nothing holds the yaw of ", _who, ": it keeps the one it had"))
     MORE_HELD_WEAKLY = warning("{piece_count} more pieces of the scan are held as weakly")
@@ -112,39 +107,38 @@ class ResultKind(Kind):
         "raise adjust.max-alternations",
     )
     STOREY_NOT_WALKED = warning(
-        "no frame stands on storey {storey_number}: its plan was not used",
-        "check its number",
+        "no frame stands on storey {storey_number}: its plan was not used", "check its number"
     )
     STOREY_WITHOUT_PLAN = warning(
-        "frames {frames} stand on {storey}: they are held by matches, recorded motion and floor alone",
+        "frames {frames} stand on {storey}: they are held by matches, recorded motion and floor alone"
     )
     CAMERAS_MOVED = note(
         "cameras were moved by {moved_rms_m:.2f} m and are predicted to be within about "
-        "{predicted_rms_m:.2f} m (both RMS)",
+        "{predicted_rms_m:.2f} m (both RMS)"
     )
     ERROR_EXPECTED = note(
-        "expected position error {predicted_rms_m:.2f} m, worst {worst_m:.2f} m at frame {first}",
+        "expected position error {predicted_rms_m:.2f} m, worst {worst_m:.2f} m at frame {first}"
     )
     REVISITS_AGREE = note(
         "places seen again agree to {after_m:.3f} m in solves that did without them ({before_m:.3f} m "
-        "before)",
+        "before)"
     )
     WALLS_ON_PLAN = note(
         "{after_share:.0%} of the wall patches lie on the plan in solves that did without them "
-        "({before_share:.0%} before)",
+        "({before_share:.0%} before)"
     )
     PLACE_NOT_CERTAIN = against(("the place on the plan is not certain: ", lambda parts: parts[0]))
     REVISITS_CAME_APART = against(
         "places seen again came apart, from {before_m:.3f} to {after_m:.3f} m, in solves that did without "
-        "them",
+        "them"
     )
     WALLS_LEFT_PLAN = against(
         "walls left the plan, from {before_share:.0%} to {after_share:.0%} on it, in solves that did without "
-        "them",
+        "them"
     )
     ERROR_TOO_LARGE = against(
         "the predicted error, {predicted_rms_m:.2f} m, is too large a part of what was corrected, "
-        "{moved_rms_m:.2f} m",
+        "{moved_rms_m:.2f} m"
     )
     FRAMES_WITHOUT_PLACE = reservation(
         "frames {frames} have no place: tracking was lost there, neighbouring images do not match, and no "

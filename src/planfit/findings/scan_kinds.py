@@ -107,16 +107,14 @@ class ScanKind(Kind):
         "more frames that see the same places give a surer result",
     )
     GRAVITY_UNSURE = warning(
-        "gravity is unsure (from {source})",
-        "check that the floor is level in the report",
+        "gravity is unsure (from {source})", "check that the floor is level in the report"
     )
     NO_FLOOR = warning(
         "no floor was seen: height and tilt follow the recorded poses",
         "tilt the camera down while scanning, or give floor masks",
     )
     FLOOR_DRIFTED = warning(
-        _drifted_floor,
-        "if there are stairs, scan them with images that overlap",
+        _drifted_floor, "if there are stairs, scan them with images that overlap"
     )
     NO_WALL = warning(
         "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
@@ -126,7 +124,7 @@ class ScanKind(Kind):
     NO_COLOUR = note(("the scan has no colour: ", lambda parts: parts[0]))
     MATCHED_BY_GEOMETRY = note(
         "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} leave a "
-        "direction free",
+        "direction free"
     )
     NO_MATCHES = warning(
         ("no two frames could be matched: poses were refined by ", _others, " alone"),
@@ -137,11 +135,9 @@ class ScanKind(Kind):
             "no place was seen to be visited again (no loop closure): drift along the path is corrected by ",
             _others,
             " only",
-        ),
+        )
     )
-    REVISIT_TEARS_STEP = note(
-        _torn_revisit,
-    )
+    REVISIT_TEARS_STEP = note(_torn_revisit)
     SENSOR_CORRECTED = note(lambda parts: "; ".join(parts))
     SENSOR_IMPLAUSIBLE = warning(
         (

@@ -28,9 +28,7 @@ class SurveyKind(Kind):
         "the control points stand on one line: they cannot tell a mirrored site from a right one",
         "add a point beside the line",
     )
-    POINTS_UNSEEN = warning(
-        ("no frame sees the surveyed points ", lambda points: some_ids(points)),
-    )
+    POINTS_UNSEEN = warning(("no frame sees the surveyed points ", lambda points: some_ids(points)))
     POINTS_SWAPPED = warning(
         "control points {point!r} and {other_point!r} look swapped: without them, the other evidence puts "
         "each in the other's place",
@@ -69,11 +67,11 @@ class SurveyKind(Kind):
             "ends {residual_m:.2f} m off, where {allowed_m:g} m is allowed: ",
             lambda is_place: "walls or other places" if is_place else "other loops or walls",
             " hold against it",
-        ),
+        )
     )
     LOOP_BENDS_MOTION = warning(
         "{off_m:.2f} m off where all else puts it, and without it the recorded motion of frames "
-        "{first}-{last} fits better by {better_m:.2f} m",
+        "{first}-{last} fits better by {better_m:.2f} m"
     )
     PLACE_OFF_BY_WALLS_ALONE = warning(("{off_m:.2f} m off where the walls put it", _hint))
     PLACE_OFF_BY_OTHERS = warning(("{off_m:.2f} m off where the other places put it", _hint))
@@ -88,13 +86,13 @@ class SurveyKind(Kind):
         (
             "{scan} has no place and was left out, its poses as recorded: ",
             lambda parts: ", and ".join(parts),
-        ),
+        )
     )
     SCAN_UNLINKED = reservation("none of the other scans shows the same places")
     SCAN_OFF_PLAN = reservation("the plan does not fit it ({error})")
     SCAN_WITHOUT_WALLS = reservation("it shows no wall to be aligned with the plan by")
     SCAN_ON_OTHER_PLAN = reservation(
         "the plan explains only {wall_share:.0%} of its walls wherever it is put: is it of another storey "
-        "or building?",
+        "or building?"
     )
     SCAN_IN_MANY_PLACES = reservation("it fits the plan in more than one place")
