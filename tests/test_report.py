@@ -581,7 +581,7 @@ def test_a_face_with_unknown_side_has_no_direction(floorplan):
 
 def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
     words = read(floorplan, make_result(), options="[walls]\nsigma_m = 0.05\n").words
-    for words_of in (
+    for sentences_of in (
         "frames12",
         "keypoints with depth1 234",
         "pairs of frames tried7",
@@ -600,7 +600,7 @@ def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
         "sum2.5 s",
         "sigma_m = 0.05",
     ):
-        assert words_of in words, words_of
+        assert sentences_of in words, sentences_of
 
 
 def test_gaps_are_steps_far_above_the_usual():

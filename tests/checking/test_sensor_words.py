@@ -36,7 +36,7 @@ def found(implausible=(), **departures):
 )  # fmt: skip
 def test_what_is_kept_is_said_in_words(name, departure, words):
     (warning,) = sensor_findings(sensor_parameters(found(**{name: (departure, 0.001)}), CAMERA))
-    assert words in warning.words
+    assert words in warning.sentence
 
 
 def test_two_that_are_kept_are_one_warning():
@@ -49,15 +49,16 @@ def test_what_no_camera_can_be_is_said_to_be_uncorrected():
     odd = found(("principal_x",), principal_x=(17 / CAMERA.fx, 0.001))
     (warning,) = sensor_findings(sensor_parameters(odd, CAMERA))
     assert (
-        "asks for a principal point in x 17 px off, more than a camera can be off" in warning.words
+        "asks for a principal point in x 17 px off, more than a camera can be off"
+        in warning.sentence
     )
-    assert "nothing was corrected; colour and depth may not be registered" in warning.words
+    assert "nothing was corrected; colour and depth may not be registered" in warning.sentence
     (warning,) = sensor_findings(
         sensor_parameters(found(("depth_scale",), depth_scale=(0.15, 0.001)), CAMERA)
     )
-    assert "asks for depth 15.0% off" in warning.words
-    assert "--depth-scale" in warning.words
-    assert "registered" not in warning.words
+    assert "asks for depth 15.0% off" in warning.sentence
+    assert "--depth-scale" in warning.sentence
+    assert "registered" not in warning.sentence
 
 
 def test_of_a_sensor_without_fault_nothing_is_said():

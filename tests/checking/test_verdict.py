@@ -94,7 +94,7 @@ def test_what_reserves(changes, kind, frames, facts):
     assert reservation.severity == "reservation"
     assert reservation.frames == frames
     assert reservation.facts == facts
-    first = f"{reservation.what}; {reservation.advice}"
+    first = f"{reservation.words}; {reservation.advice}"
     assert verdict.headline == f"improved, with reservations: {first}"
 
 
@@ -217,11 +217,11 @@ def test_walls_are_named_where_the_scan_fits_in_two_ways():
     assert first.kind is ResultKind.FITS_ELSEWHERE
     assert first.parts == walls
     assert first.faces == (0, 1, 2, 3, 4)
-    assert all(name in first.what for name in (*(wall.words for wall in walls[:3]), "2 more"))
-    assert walls[3].words not in first.what
+    assert all(name in first.words for name in (*(wall.sentence for wall in walls[:3]), "2 more"))
+    assert walls[3].sentence not in first.words
     assert "measure one of these walls" in verdict.advice
     bare = make_verdict(rival_error_m=0.2, **unsure).reservations[0]
-    assert "moved" not in bare.what
+    assert "moved" not in bare.words
     assert bare.advice.startswith("check the plan")
 
 
@@ -241,7 +241,7 @@ def test_poses_that_say_nothing_are_not_recommended():
     elsewhere = AdjustedAlignment(0.9, 0.4, 0.0, doubt=ELSEWHERE)
     verdict = make_verdict(alignment=elsewhere, tracking_doubt=DOUBT)
     assert verdict.outcome is Outcome.NO_BETTER
-    assert verdict.headline.endswith(f"can be used, as {DOUBT.what}")
+    assert verdict.headline.endswith(f"can be used, as {DOUBT.words}")
     assert "use the recorded poses" not in verdict.headline
     assert verdict.advice == DOUBT.advice
 

@@ -45,17 +45,17 @@ def test_the_page_has_every_kind_once_in_the_order_of_the_tables():
 @pytest.mark.parametrize(("kind", "severity", "example", "words"), ROWS, ids=[r[0] for r in ROWS])
 def test_facts_are_told_to_the_letter(kind, severity, example, words):
     found = made(kind, **json.loads(example))
-    assert found.words == words
+    assert found.sentence == words
     assert found.severity == severity
     check_findings([finding_record(found)])
     if not found.advice:
-        assert found.words == found.what
+        assert found.sentence == found.words
 
 
 def test_a_finding_of_one_of_several_scans_names_it_first():
     lines = Finding(PlanKind.SINGLE_LINES)
-    assert lines.about("cellar").words == f"cellar: {lines.words}"
-    assert lines.about("storey 1").about("cellar").words == f"cellar: storey 1: {lines.words}"
+    assert lines.about("cellar").sentence == f"cellar: {lines.sentence}"
+    assert lines.about("storey 1").about("cellar").sentence == f"cellar: storey 1: {lines.sentence}"
 
 
 def test_facts_that_words_need_are_asked_for_at_once():
@@ -86,7 +86,7 @@ def test_facts_that_words_need_are_asked_for_at_once():
 def test_words_follow_the_facts(kind, facts, words):
     (example,) = (json.loads(row[2]) for row in ROWS if row[0] == kind.code)
     example["facts"] = example.get("facts", {}) | facts
-    assert words in made(kind.code, **example).words
+    assert words in made(kind.code, **example).sentence
 
 
 @pytest.mark.parametrize("n_walls", [1, 5, 7])
@@ -94,9 +94,9 @@ def test_of_many_moved_walls_the_first_are_named(n_walls):
     (example,) = (json.loads(row[2]) for row in ROWS if row[0] == "wall_moved")
     wall = made("wall_moved", **example)
     found = Finding(ResultKind.WALLS_MOVED, parts=(wall,) * n_walls)
-    assert found.words.count(wall.words) == min(n_walls, 5)
-    assert ("and 2 more" in found.words) == (n_walls == 7)
-    assert found.words.startswith("1 wall stands" if n_walls == 1 else f"{n_walls} walls stand")
+    assert found.sentence.count(wall.sentence) == min(n_walls, 5)
+    assert ("and 2 more" in found.sentence) == (n_walls == 7)
+    assert found.sentence.startswith("1 wall stands" if n_walls == 1 else f"{n_walls} walls stand")
 
 
 def test_a_record_is_plain_json():

@@ -213,7 +213,7 @@ def test_points_of_another_datum_are_doubted_where_walls_clearly_fit_elsewhere(t
     shifted = [replace(point, xyz=point.xyz + np.array([0.8, 0.0, 0.0])) for point in survey.points]
     result = refined(given, replace(survey, points=tuple(shifted)))
     (found,) = (e for e in result.findings if e.kind is PlanKind.POINTS_AGAINST_WALLS)
-    warning = found.words
+    warning = found.sentence
     assert "C0 (" in warning
     assert any("place on the plan" in reason for reason in result.verdict.reasons)
     right = refined(given, survey)

@@ -39,7 +39,7 @@ from planfit.alignment.selection import (
 )
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
-from planfit.findings import Finding, PlanKind, words_of
+from planfit.findings import Finding, PlanKind, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry.se3 import wrap_angle
 from planfit.runtime import short_repr
@@ -132,7 +132,7 @@ class Alignment:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know, in words."""
-        return words_of(self.findings)
+        return sentences_of(self.findings)
 
     @property
     def is_plan_doubted(self) -> bool:

@@ -174,7 +174,7 @@ def _disagreement_words(
     else:
         largest_m = _largest_off_m(control_points, metres_per_unit)
         found, whose = f"{len(off_m)} that are off by up to {largest_m:.2f} m", "their"
-        found += "" if hint is None else f"; {hint.words}"
+        found += "" if hint is None else f"; {hint.sentence}"
     return f"{found}; check {whose} points, which axis goes up, and that the plan is not mirrored"
 
 

@@ -19,7 +19,7 @@ from planfit.alignment import (
 )
 from planfit.cli.arguments import AlignmentFlags, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
-from planfit.findings import SCHEMA_VERSION, Finding, finding_record, words_of
+from planfit.findings import SCHEMA_VERSION, Finding, finding_record, sentences_of
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.align import align
@@ -107,7 +107,7 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
             }
             for hypothesis in alignment.candidates
         ],
-        "warnings": list(words_of(_findings(alignment))),
+        "warnings": list(sentences_of(_findings(alignment))),
         "findings": [finding_record(each) for each in _findings(alignment)],
     }
 
@@ -177,7 +177,7 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
         )
     out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
     for finding in _findings(alignment):
-        note(finding.words)
+        note(finding.sentence)
     is_sure = alignment.is_sure and alignment.other_scale is None
     verdict = Text("aligned") if is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()

@@ -66,7 +66,7 @@ def calibrate_command(arguments: CalibrateArguments) -> int:
     tell_scan(scan)
     out.print(table("the sensor", ["parameter", "found", "sigma", ""], [_cells(r) for r in rows]))
     for finding in sensor_findings(rows):
-        note(finding.words)
+        note(finding.sentence)
     if found.sensor.is_nominal:
         out.print("nothing was corrected: the file leaves scans as they are")
     out.print(f"written: {target}; use it with --calibration", soft_wrap=True)

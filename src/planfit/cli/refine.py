@@ -237,7 +237,7 @@ def summarise(
         f"{found}labels from {result.structure.back_end}"
     )
     if len(result.surfaces):
-        out.print(result.surfaces.finding.words)
+        out.print(result.surfaces.finding.sentence)
     stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
     out.print(f"{seconds:.1f} s: {stages}")
     alignment = result.alignment
@@ -266,7 +266,7 @@ def tell_verdict(verdict: Verdict) -> None:
     for reason in verdict.further_reasons:
         out.print(f"  {reason}")
     for reservation in verdict.further_reservations:
-        out.print(f"  {reservation.what}; {reservation.advice}")
+        out.print(f"  {reservation.words}; {reservation.advice}")
     if not verdict.is_refined:
         err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
 

@@ -141,7 +141,7 @@ class Contradiction:
     @property
     def sentence(self) -> str:
         """For a user, without a full stop."""
-        return f"{self.correction.words}: {self.reason.words}"
+        return f"{self.correction.words}: {self.reason.sentence}"
 
 
 _NAMES = {

@@ -12,7 +12,7 @@ from planfit.evaluation import surface_metrics, wall_distances
 from planfit.export.option_files import plain
 from planfit.export.registration import registration_record
 from planfit.export.survey import survey_record
-from planfit.findings import SCHEMA_VERSION, finding_record, words_of
+from planfit.findings import SCHEMA_VERSION, finding_record, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -78,7 +78,7 @@ def make_record(
 def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
     """Corrections by hand: the text of those that were used, what each came to, and those left out."""
     reasons = {
-        (each.correction.kind, each.correction.number): each.reason.words
+        (each.correction.kind, each.correction.number): each.reason.sentence
         for each in by_hand.contradictions
     }
     return {
@@ -95,7 +95,7 @@ def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
             for each in by_hand.outcomes
         ],
         "left_out": [
-            {"words": each.correction.words, "contradicted": each.reason.words}
+            {"words": each.correction.words, "contradicted": each.reason.sentence}
             for each in by_hand.left_out
         ],
         "toml": to_toml(by_hand.used),
@@ -143,7 +143,7 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
         "reasons": list(verdict.reasons),
         "findings": [finding_record(each) for each in verdict.because],
         "reservations": [
-            {**finding_record(each), "walls": list(words_of(each.parts))}
+            {**finding_record(each), "walls": list(sentences_of(each.parts))}
             for each in verdict.reservations
         ],
         "advice": verdict.advice,
@@ -170,7 +170,7 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
 def _adjusted_record(adjusted: AdjustedAlignment | None) -> dict[str, Any] | None:
     if adjusted is None:
         return None
-    doubt = "" if adjusted.doubt is None else adjusted.doubt.words
+    doubt = "" if adjusted.doubt is None else adjusted.doubt.sentence
     return {**plain(adjusted), "doubt": doubt}
 
 
@@ -201,7 +201,7 @@ def _tracking_record(tracking: Tracking) -> dict[str, Any]:
             "rotation": tracking.sigma_factors[0],
             "translation": tracking.sigma_factors[1],
         },
-        "breaks": [{**plain(found), "reason": found.finding.words} for found in tracking.breaks],
+        "breaks": [{**plain(found), "reason": found.finding.sentence} for found in tracking.breaks],
     }
 
 

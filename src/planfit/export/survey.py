@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from planfit.findings import words_of
+from planfit.findings import sentences_of
 from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.survey import RoleResiduals, SurveyResiduals
 
@@ -73,7 +73,7 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
             }
             for point in survey.points
         ],
-        "contradicted": list(words_of(contradicted_points(survey.points))),
+        "contradicted": list(sentences_of(contradicted_points(survey.points))),
         "unseen": list(survey.unseen),
     }
 

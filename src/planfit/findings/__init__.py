@@ -4,7 +4,7 @@ from planfit.findings.finding import SCHEMA_VERSION as SCHEMA_VERSION
 from planfit.findings.finding import Fact as Fact
 from planfit.findings.finding import Finding as Finding
 from planfit.findings.finding import finding_record as finding_record
-from planfit.findings.finding import words_of as words_of
+from planfit.findings.finding import sentences_of as sentences_of
 from planfit.findings.message import Kind as Kind
 from planfit.findings.message import Severity as Severity
 from planfit.findings.message import direction_words as direction_words

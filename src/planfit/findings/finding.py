@@ -45,7 +45,7 @@ class Finding:
         return self.kind.message.severity
 
     @property
-    def what(self) -> str:
+    def words(self) -> str:
         """What was found: a sentence without its full stop."""
         sentence = filled(self.kind.message.what, self._fields)
         return f"{self.subject}: {sentence}" if self.subject else sentence
@@ -56,10 +56,10 @@ class Finding:
         return filled(self.kind.message.advice, self._fields)
 
     @property
-    def words(self) -> str:
-        """All of it for a user, without a full stop."""
+    def sentence(self) -> str:
+        """Words and advice, without a full stop."""
         advice = self.advice
-        return f"{self.what}{self.kind.message.joint}{advice}" if advice else self.what
+        return f"{self.words}{self.kind.message.joint}{advice}" if advice else self.words
 
     def about(self, subject: str) -> "Finding":
         """The same, said of one of several scans or storeys."""
@@ -68,7 +68,7 @@ class Finding:
     @property
     def _fields(self) -> dict[str, Any]:
         fields: dict[str, Any] = dict(self.facts)
-        fields["parts"] = tuple(part.words for part in self.parts)
+        fields["parts"] = tuple(part.sentence for part in self.parts)
         if self.frames:
             runs, (first, last) = frame_ranges(self.frames), self.frames[0]
             is_one = self.frames == ((first, first),)
@@ -78,9 +78,9 @@ class Finding:
         return fields
 
 
-def words_of(findings: Iterable[Finding]) -> tuple[str, ...]:
+def sentences_of(findings: Iterable[Finding]) -> tuple[str, ...]:
     """All findings for a user, a sentence each."""
-    return tuple(each.words for each in findings)
+    return tuple(each.sentence for each in findings)
 
 
 def finding_record(finding: Finding) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def finding_record(finding: Finding) -> dict[str, Any]:
         "faces": [int(face) for face in finding.faces],
         "parts": [finding_record(part) for part in finding.parts],
         "subject": finding.subject,
-        "words": finding.what,
+        "words": finding.words,
         "advice": finding.advice,
     }
 

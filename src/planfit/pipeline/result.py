@@ -13,7 +13,7 @@ from PIL import Image
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
-from planfit.findings import Finding, words_of
+from planfit.findings import Finding, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -127,7 +127,7 @@ class RefineResult:
     @property
     def warnings(self) -> tuple[str, ...]:
         """The findings in plain words."""
-        return words_of(self.findings)
+        return sentences_of(self.findings)
 
     @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:

@@ -74,7 +74,7 @@ class Verdict:
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why it is no better, or what speaks for it: a sentence each."""
-        return tuple(each.what for each in self.because)
+        return tuple(each.words for each in self.because)
 
     @property
     def further_reasons(self) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ class Verdict:
             return f"{self.outcome.value}: use the recorded poses, as {self.reasons[0]}"
         if self.outcome is Outcome.IMPROVED:
             first = self.reservations[0]
-            return f"improved, with reservations: {first.what}; {first.advice}"
+            return f"improved, with reservations: {first.words}; {first.advice}"
         return f"{self.outcome.value}: {self.reasons[0]}"
 
 

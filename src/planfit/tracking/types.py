@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.findings import Finding, PoseKind, words_of
+from planfit.findings import Finding, PoseKind, sentences_of
 from planfit.geometry import se3
 from planfit.runtime import short_repr
 from planfit.scan.odometry import Odometry, usual_step
@@ -139,7 +139,7 @@ class Tracking:
     @property
     def warnings(self) -> tuple[str, ...]:
         """The same in words."""
-        return words_of(self.findings)
+        return sentences_of(self.findings)
 
 
 LEAP, LEAP_M = 4.0, 2.0

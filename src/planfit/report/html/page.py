@@ -10,7 +10,7 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
-from planfit.findings import words_of
+from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
@@ -77,7 +77,9 @@ def make_report(
         sections.certainty(result, truth)
         + disagreement_section(
             result.evidence.disagreements,
-            [] if result.survey is None else words_of(contradicted_points(result.survey.points)),
+            []
+            if result.survey is None
+            else sentences_of(contradicted_points(result.survey.points)),
         ),
         registration_section(result.registration),
         survey_section(result.survey),
@@ -186,7 +188,7 @@ def _by_hand(by_hand: ByHand) -> str:
 
 def _reservations(verdict: Verdict) -> str:
     items = "".join(
-        f"<li>{escape(each.what[0].upper() + each.what[1:])}. "
+        f"<li>{escape(each.words[0].upper() + each.words[1:])}. "
         f"<em>What to do:</em> {escape(each.advice)}.</li>"
         for each in verdict.reservations
     )

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from planfit.findings import words_of
+from planfit.findings import sentences_of
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.sensor import SensorParameter, sensor_findings
 from planfit.report import formatting
@@ -60,7 +60,7 @@ def farthest_point_m(result: RefineResult) -> float:
 
 
 def _in_words(rows: Sequence[SensorParameter]) -> str:
-    said = "; ".join(words_of(sensor_findings(rows)))
+    said = "; ".join(sentences_of(sensor_findings(rows)))
     if said:
         return f"{said[0].upper()}{said[1:]}."
     return (
