@@ -147,7 +147,7 @@ def test_a_scan_without_colour_is_told_how_it_was_matched(world):
         np.ones(2),
     )
     (told,) = found_of_scan(world, scan=bare, matches=none, surfaces=two)
-    assert told.facts == {"pair_count": 2, "free_pair_count": 1}
+    assert told.parts[0].facts == {"pair_count": 2, "free_pair_count": 1}
     _, alone = found_of_scan(world, scan=bare, matches=none)
     assert alone.kind is ScanKind.NO_MATCHES
     assert "show the same surfaces" in alone.advice
