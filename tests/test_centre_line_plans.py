@@ -9,6 +9,7 @@ import pytest
 import planfit
 from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
+from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
@@ -102,7 +103,7 @@ def test_lines_of_a_plan_in_metres_that_is_too_large(synthetic, runtime):
     assert found.alignment.half_thickness is not None
     assert found.alignment.half_thickness.half_m == pytest.approx(right.half_m, abs=0.045)
     assert is_scale_as_stated(found.alignment, 1 / 1.03)
-    assert any("too large" in warning for warning in found.warnings)
+    assert any(each.kind is PlanKind.PLAN_RESCALED for each in found.findings)
     shape = position_errors(found.plan_from_cams, synthetic.true_plan_from_cams)
     assert shape.aligned_rms_m < 0.02
 

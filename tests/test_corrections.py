@@ -25,6 +25,7 @@ from planfit.corrections import (
     WallByHand,
 )
 from planfit.errors import FloorplanError, OptionError
+from planfit.findings import PlanKind, SurveyKind
 from planfit.geometry import se3
 from planfit.matching import Matches, RelativePoses
 from planfit.matching.loop_closure import cycle_consistent
@@ -141,7 +142,8 @@ def test_places_that_disagree_are_named_and_left_out_on_request(room):
     assert result.by_hand.sentence == (
         "3 corrections by hand: 3 places; 1 contradicted and left out"
     )
-    assert any(words.startswith("left out, as contradicted: place 3") for words in result.warnings)
+    (left_out,) = (e for e in result.findings if e.kind is SurveyKind.CORRECTION_LEFT_OUT)
+    assert left_out.facts["correction"].startswith("place 3")
 
 
 def shifted(places, x, y):
@@ -165,7 +167,7 @@ def test_places_that_agree_but_that_the_walls_contradict_are_named_and_left_out_
     places = places_of(scan, true, spots)
     right = planfit.refine(scan, plan, observations=observations, corrections=by_hand(*places))
     assert right.by_hand.contradictions == ()
-    assert not any("disagree with the walls" in words for words in right.warnings)
+    assert not any(each.kind is PlanKind.POINTS_AGAINST_WALLS for each in right.findings)
     # Within what corrections may be off, the walls decide, and nothing is contradicted.
     near = by_hand(*shifted(places, 0.4, 0.0))
     result = planfit.refine(scan, plan, observations=observations, corrections=near)
@@ -175,11 +177,11 @@ def test_places_that_agree_but_that_the_walls_contradict_are_named_and_left_out_
     moved = planfit.refine(scan, plan, observations=observations, corrections=wrong)
     assert position_rms_m(moved.plan_from_cams, true) > 2.0
     assert [each.correction.number for each in moved.by_hand.contradictions] == [1, 2, 3]
-    sentence = moved.by_hand.contradictions[0].sentence
-    assert "m off where the walls put it: without them" in sentence
-    assert "4.5" in sentence
+    reason = moved.by_hand.contradictions[0].reason
+    assert reason.kind is PlanKind.PLACE_OFF_BY_WALLS
+    assert reason.facts["off_m"] == pytest.approx(4.5, abs=0.06)
     assert not moved.verdict.is_refined
-    assert any("disagree with the walls" in words for words in moved.warnings)
+    assert any(each.kind is PlanKind.POINTS_AGAINST_WALLS for each in moved.findings)
     mended = planfit.refine(
         scan, plan, observations=observations, corrections=wrong, without_contradicted=True
     )
@@ -317,7 +319,7 @@ def test_a_pick_that_the_walk_contradicts_is_named_and_left_out_on_request(drift
     told = by_hand(AddedLoop(1, (5, 12), (right[0], right[0])))
     result = planfit.refine(blind, None, observations=observations, corrections=told)
     (found,) = result.by_hand.contradictions
-    assert "m off where all else puts it, and without it the recorded motion of" in found.reason
+    assert found.reason.kind is SurveyKind.LOOP_BENDS_MOTION
     assert result.warnings[0].startswith("contradicted by hand or scan: add_loop 1")
     again = planfit.refine(
         blind, None, observations=observations, corrections=told, without_contradicted=True
@@ -368,7 +370,8 @@ def test_a_pick_that_its_images_contradict_is_named_and_used(drifted_room, rng):
     (uv, _), (_, other) = picked(scan, true, 1, 22, rng, 2)
     told = by_hand(AddedLoop(1, (1, 22), (uv, other)))
     result = planfit.refine(scan, None, observations=observations, corrections=told)
-    assert "by what their images match, the picked points are" in result.warnings[0]
+    assert result.findings[0].kind is SurveyKind.CORRECTION_CONTRADICTED
+    assert result.findings[0].parts[0].kind is SurveyKind.PICKED_POINTS_APART
     again = planfit.refine(
         scan, None, observations=observations, corrections=told, without_contradicted=True
     )
@@ -384,7 +387,9 @@ def test_loops_by_hand_that_contradict_each_other_are_named(drifted_room, rng):
     loops = [AddedLoop(k, (1, 22), uv) for k, uv in enumerate([*right, *wrong], 1)]
     result = planfit.refine(blind, None, observations=observations, corrections=by_hand(*loops))
     assert len(result.by_hand.contradictions) > 0
-    assert "other loops or walls hold against it" in result.warnings[0]
+    (reason,) = result.findings[0].parts
+    assert reason.kind is SurveyKind.CORRECTION_ENDS_OFF
+    assert not reason.facts["is_place"]
 
 
 @pytest.mark.parametrize(

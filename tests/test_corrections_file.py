@@ -18,6 +18,7 @@ from planfit.corrections import (
     write_corrections,
 )
 from planfit.errors import OptionError
+from planfit.findings import Finding, SurveyKind
 
 ALL_KINDS = """\
 planfit_corrections = 1
@@ -74,7 +75,9 @@ def test_every_kind_is_read(tmp_path):
 
 def test_what_is_left_out_is_told_by_kind_and_number():
     loops = (AddedLoop(1, (0, 5)), AddedLoop(2, (1, 6)), Place(2, (0.0, 0.0), 3, (1.0, 1.0)))
-    left = Corrections("c", loops).without((Contradiction(loops[1], "why"),))
+    left = Corrections("c", loops).without(
+        (Contradiction(loops[1], Finding(SurveyKind.LOOP_DELETED)),)
+    )
     assert left.entries == (loops[0], loops[2])
 
 

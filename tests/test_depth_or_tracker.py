@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from builders import CAMERA, nudged
 from faulty_sensors import make_sensor_world
 from planfit import RefineOptions
+from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching.relative_motions import VerifiedPairs
@@ -97,7 +98,8 @@ def test_rays_and_scans_without_pairs_ask_nothing(world):
     assert sensor_by_neighbours(pairs, recorded, steps, (CAMERA,) * N, rays).is_nominal
 
 
-JUMP = TrackingBreak("jump", 3, 4, (1.0, 2.0), (0.1, 1.0), 5, "a jump")
+JUMPED = Finding(PoseKind.REVISITS_CONTRADICT_MOTION, frames=((3, 4),))
+JUMP = TrackingBreak("jump", 3, 4, (1.0, 2.0), (0.1, 1.0), 5, JUMPED)
 
 
 @pytest.mark.parametrize(

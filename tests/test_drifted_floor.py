@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import planfit
+from planfit.findings import ScanKind
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer
@@ -72,7 +73,7 @@ def test_the_floor_is_one_and_poses_come_down_to_it(synthetic, drifted):
 
 def test_the_result_says_so(drifted):
     result = planfit.refine(drifted[0], None, observations=drifted[1])
-    assert any("the recorded poses drift in height" in warning for warning in result.warnings)
+    assert any(each.kind is ScanKind.FLOOR_DRIFTED for each in result.findings)
 
 
 def test_without_the_floor_term_nothing_is_settled(drifted):

@@ -131,7 +131,7 @@ def test_a_jump_is_found_at_its_frame_and_mended(dense, seen, runtime):
     tracking = planfit.extract_observations(scan, KEYS, runtime).tracking
     (found,) = tracking.breaks
     assert (found.first_frame, found.last_frame) == (149, 150)
-    assert "after frame 149" in found.reason
+    assert found.finding.frames == ((149, 150),)
     about = set(range(140, 160))  # frames there are looked at besides
     assert len(about & set(opened)) > len(about & set(seen.keyframe_idx.tolist())) + 2
     assert errors_m(tracking.world_from_cams, dense.scan.world_from_cams).max() < 0.1

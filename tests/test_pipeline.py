@@ -14,6 +14,7 @@ from planfit.adjust.terms.points import PointOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
+from planfit.findings import PlanKind, ScanKind
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label, Scan, ScanFiles
@@ -201,7 +202,7 @@ def test_phone_depth_and_geometry_labels():
 def test_ten_frames_are_refined_with_a_warning(synthetic):
     frames = np.arange(10)
     result = planfit.refine(subset(synthetic.scan, frames), synthetic.floorplan)
-    assert any("only 10 frames" in warning for warning in result.warnings)
+    assert any(each.kind is ScanKind.FEW_FRAMES for each in result.findings)
     truth = synthetic.true_world_from_cams[frames]
     before = rms(synthetic.scan.world_from_cams[frames], truth)
     assert rms(result.world_from_cams, truth) < max(before, 0.05)
@@ -219,7 +220,7 @@ def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
     result = planfit.refine(subset(synthetic.scan, n, (Label.WALL,)), synthetic.floorplan)
     assert result.alignment is None
     assert not result.verdict.is_refined
-    assert any("no wall was seen" in warning for warning in result.warnings)
+    assert any(each.kind is ScanKind.NO_WALL for each in result.findings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < rms(synthetic.scan.world_from_cams, truth)
 
@@ -228,7 +229,7 @@ def test_no_wall_seen_keeps_the_recorded_poses(synthetic):
 def test_no_floor_seen_is_refined_by_the_rest(synthetic):
     n = np.arange(len(synthetic.scan))
     result = planfit.refine(subset(synthetic.scan, n, (Label.FLOOR,)), synthetic.floorplan)
-    assert any("no floor was seen" in warning for warning in result.warnings)
+    assert any(each.kind is ScanKind.NO_FLOOR for each in result.findings)
     truth = synthetic.true_world_from_cams
     assert rms(result.world_from_cams, truth) < 0.5 * rms(synthetic.scan.world_from_cams, truth)
 
@@ -261,7 +262,7 @@ def test_a_plan_drawn_too_small_is_scaled_where_that_is_allowed(synthetic, refin
     result = planfit.refine(synthetic.scan, drawn, scaled, runtime=runtime)
     assert result.alignment.metres_per_unit == pytest.approx(1 / 0.96, rel=3e-3)
     assert result.floorplan.size == pytest.approx(synthetic.floorplan.size, rel=3e-3)
-    assert any("the plan is drawn 4." in warning for warning in result.warnings)
+    assert any(each.kind is PlanKind.PLAN_RESCALED for each in result.findings)
     assert result.verdict.is_refined
     truth = synthetic.true_plan_from_cams
     assert rms(result.plan_from_cams, truth) < 1.3 * rms(refined.plan_from_cams, truth) + 0.003

@@ -7,6 +7,7 @@ import pytest
 import planfit
 from planfit.errors import ScanError
 from planfit.evaluation import position_errors
+from planfit.findings import PoseKind, ScanKind
 from planfit.geometry import se3
 from planfit.scan import ScanFiles
 from planfit.synth import BuildingOptions, CameraOptions, DriftOptions, SynthOptions, WalkOptions
@@ -64,8 +65,8 @@ def test_poses_that_are_too_long_end_where_right_ones_do(truth):
     right = planfit.refine(truth.scan, truth.floorplan)
     found = planfit.refine(with_long_poses(truth.scan), truth.floorplan)
     assert error_m(found, truth) < error_m(right, truth) + 0.005
-    assert any("the recorded motion is not in metres" in words for words in found.warnings)
-    assert not any("depth was measured" in words for words in found.warnings)
+    assert any(each.kind is PoseKind.POSES_IN_OWN_UNIT for each in found.findings)
+    assert not any(each.kind is ScanKind.SENSOR_CORRECTED for each in found.findings)
 
 
 def test_depth_that_motion_and_plan_find_too_long_is_named(truth):

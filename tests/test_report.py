@@ -16,6 +16,7 @@ from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.alignment.refine import AlignmentHypothesis
 from planfit.evaluation import wall_distances
+from planfit.findings import Finding, ScanKind, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.lsq.solver import Cost, Solution, Stop
@@ -137,7 +138,7 @@ def make_result(n_frames=12, wall_offsets=(0.0, 0.0, 0.0, 0.0), is_checked=True)
         solved_frame_idx=np.arange(n_frames),
         cost_by_term={"points": (200.0, 50.0), "odometry": (0.0, 3.0)},
         checks=judged if is_checked else (),
-        warnings=(),
+        findings=(),
         seconds_by_stage={"level": 0.01, "adjust to the plan": 2.5},
         verdict=make_verdict(n_frames=n_frames),
         evidence=make_evidence(n_frames=n_frames),
@@ -307,20 +308,21 @@ def test_what_is_made_now_has_todays_date_and_the_versions_in_use():
 
 
 def test_text_is_escaped(floorplan, no_pictures):
-    result = replace(make_result(), warnings=("wall <b>7</b> & others are unsure",))
+    unused = Finding(SurveyKind.POINTS_UNSEEN, {"points": ("<b>7</b>", "& others")})
+    result = replace(make_result(), findings=(unused,))
     html = make_report("<scan> & co", floorplan, result, "[a]\nname = '<script>'\n")
     for raw in ("<b>", "<scan>", "'<script>'", "<room>", "<most>"):
         assert raw not in html
     words = Page(html).words
-    for text in ("wall <b>7</b> & others are unsure", "<scan> & co", "<script>", "<room>.npy"):
+    for text in ("points <b>7</b>, & others", "<scan> & co", "<script>", "<room>.npy"):
         assert text in words
 
 
 def test_warnings_are_shown_before_the_numbers(floorplan, no_pictures):
-    result = replace(make_result(), warnings=("no loop", "few frames"))
-    words = read(floorplan, result).words
+    floor, walls = Finding(ScanKind.NO_FLOOR), Finding(ScanKind.NO_WALL)
+    words = read(floorplan, replace(make_result(), findings=(floor, walls))).words
     assert "Before you use this result" in words
-    assert words.index("no loop") < words.index("few frames") < words.index("Key metrics")
+    assert words.index("no floor was") < words.index("no wall was") < words.index("Key metrics")
 
 
 def test_measures_equal_those_computed_by_hand(floorplan):
@@ -579,7 +581,7 @@ def test_a_face_with_unknown_side_has_no_direction(floorplan):
 
 def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
     words = read(floorplan, make_result(), options="[walls]\nsigma_m = 0.05\n").words
-    for words_of in (
+    for sentences_of in (
         "frames12",
         "keypoints with depth1 234",
         "pairs of frames tried7",
@@ -598,7 +600,7 @@ def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
         "sum2.5 s",
         "sigma_m = 0.05",
     ):
-        assert words_of in words, words_of
+        assert sentences_of in words, sentences_of
 
 
 def test_gaps_are_steps_far_above_the_usual():

@@ -12,6 +12,7 @@ from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
 from planfit.export.option_files import plain, scan_options_record, to_toml
 from planfit.export.record import make_record
 from planfit.export.write import write_results
+from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
@@ -215,7 +216,7 @@ def _scans_record(result: TogetherResult) -> dict[str, Any]:
             "path": str(Path(each.scan.name).resolve()),
             "frames": frames.get(each.name),
             "placed_by": each.placed_by,
-            "without_place_because": each.reason or None,
+            "without_place_because": ", and ".join(sentences_of(each.reasons)) or None,
             "verdict": None if each.result is None else each.result.verdict.outcome.value,
             "predicted_error_rms_m": None
             if each.result is None

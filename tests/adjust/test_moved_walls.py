@@ -14,7 +14,7 @@ from builders import (
     position_rms_m,
     room_plan,
 )
-from planfit.adjust import AdjustOptions, adjust_to_plan, describe_moved, name_walls
+from planfit.adjust import AdjustOptions, adjust_to_plan, moved_wall_findings
 from planfit.adjust.association import AssociationOptions, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, MovedWallOptions, find_moved
 from planfit.floorplan import Floorplan
@@ -156,17 +156,15 @@ def test_moved_walls_stay_unnamed_where_they_are_not_looked_for(world):
     assert adjust_to_plan(world.measurements, plan, world.plan_from_cams, options).moved_walls == ()
 
 
-def test_walls_are_named_with_place_and_direction():
+def test_walls_are_found_with_place_and_direction():
     plan = room_plan()
-    one = describe_moved((MovedWall(1, 0.23, 0.01, 5),), plan)
-    assert one.startswith("1 wall stands elsewhere than drawn: the wall at (6.0, 0.0)-(6.0, 4.0)")
-    assert "0.23 m towards -x" in one
-    many = describe_moved(tuple(MovedWall(k, -0.1, 0.01, 3) for k in range(4)), plan, max_named=2)
-    assert many.startswith("4 walls stand")
-    assert "towards -y" in many
-    assert "and 2 more" in many
+    (one,) = moved_wall_findings((MovedWall(1, 0.23, 0.01, 5),), plan)
+    assert one.faces == (1,)
+    assert (one.facts["from_xy_m"], one.facts["to_xy_m"]) == ((6.0, 0.0), (6.0, 4.0))
+    assert (one.facts["offset_m"], one.facts["normal"]) == (0.23, (-1.0, 0.0))
+    assert one.words.endswith("0.23 m towards -x")
     slanted = Floorplan.from_segments([[[0, 0], [1, 1]], [[0, 3], [3, 3]], [[3, 0], [3, 3]]])
-    assert "towards (" in describe_moved((MovedWall(0, 0.2, 0.01, 3),), slanted)
+    assert "towards (" in moved_wall_findings((MovedWall(0, 0.2, 0.01, 3),), slanted)[0].words
 
 
 def test_faces_of_one_wall_are_named_as_one():
@@ -178,11 +176,10 @@ def test_faces_of_one_wall_are_named_as_one():
     ]
     plan = Floorplan.from_segments(ends, [[0, -1], [0, -1], [0, 1], [0, -1]])
     alike = tuple(MovedWall(k, off, 0.01, 3 + k) for k, off in enumerate((0.3, 0.32, -0.29)))
-    (name,) = name_walls(alike, plan)
-    assert "(7.0, 0.2)-(0.0, 0.2)" in name  # of the face that most patches saw
-    assert "0.29 m towards -y" in name
+    (wall,) = moved_wall_findings(alike, plan)
+    assert wall.faces == (2,)  # the face that most patches saw
+    assert wall.facts["offset_m"] == -0.29
     other = MovedWall(3, 0.3, 0.01, 3)
-    assert len(name_walls((*alike, other), plan)) == 2
-    assert describe_moved((*alike, other), plan).startswith("2 walls stand")
+    assert len(moved_wall_findings((*alike, other), plan)) == 2
     unlike = MovedWall(1, -0.3, 0.01, 3)
-    assert len(name_walls((alike[0], unlike, alike[2]), plan)) == 2
+    assert len(moved_wall_findings((alike[0], unlike, alike[2]), plan)) == 2

@@ -9,6 +9,7 @@ from builders import make_matches, make_structure, make_world, position_rms_m, r
 from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
+from planfit.findings import ResultKind
 
 NO_PRIOR = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
 
@@ -59,8 +60,9 @@ def test_nothing_is_said_of_a_observable_scan(world):
 
 def test_frames_constrained_by_odometry_alone_are_named(world):
     measurements = without_frames(world, {2, 3, 6})
-    (sentence,) = weakly_constrained(measurements, world)
-    assert sentence.startswith("frames 2-3 and 6 are held by odometry alone")
+    (found,) = weakly_constrained(measurements, world)
+    assert found.kind is ResultKind.HELD_BY_ODOMETRY
+    assert found.frames == ((2, 3), (6, 6))
 
 
 def test_frames_that_nothing_holds_are_named_and_stay(world):
@@ -68,21 +70,25 @@ def test_frames_that_nothing_holds_are_named_and_stay(world):
     moved = world.plan_from_cams.copy()
     moved[4, :3, 3] += 0.3
     plan_adjustment = adjust_to_plan(measurements, world.floorplan, moved, NO_PRIOR)
-    assert plan_adjustment.weakly_constrained[0].startswith("frame 4 is not held by anything")
+    found = plan_adjustment.weakly_constrained[0]
+    assert found.kind is ResultKind.NOT_HELD
+    assert found.frames == ((4, 4),)
     np.testing.assert_allclose(plan_adjustment.solution.target_from_cams[4], moved[4], atol=1e-6)
 
 
 def test_frame_numbers_are_those_of_the_scan_where_only_some_are_solved_for(world):
     measurements = replace(without_frames(world, {2, 3}), frame_idx=10 * np.arange(8))
-    (sentence,) = weakly_constrained(measurements, world)
-    assert sentence.startswith("frames 20-30 are held")
+    (found,) = weakly_constrained(measurements, world)
+    assert found.frames == ((20, 30),)
 
 
 def test_a_plan_with_a_single_wall_leaves_the_way_along_it_free(world):
     one = room_plan()
     one = replace(one, ends=one.ends[:1], normals=one.normals[:1], is_oriented=one.is_oriented[:1])
-    (sentence,) = weakly_constrained(world.measurements, world, floorplan=one)
-    assert "nothing holds the scan along the plan's direction (1.00, 0.00)" in sentence
+    (found,) = weakly_constrained(world.measurements, world, floorplan=one)
+    assert found.kind is ResultKind.NOTHING_HOLDS_ALONG
+    assert found.facts["direction"] == pytest.approx((1.0, 0.0))
+    assert found.frames == ()
 
 
 def test_a_piece_of_the_scan_that_sees_no_wall_of_the_plan_is_named(world):
@@ -104,8 +110,9 @@ def test_a_piece_of_the_scan_that_sees_no_wall_of_the_plan_is_named(world):
         make_matches(poses, pairs, points), replace(s, walls=walls), world.odometry
     )
     assert weakly_constrained(measurements, world) == ()  # the recorded motion joins them
-    (sentence,) = weakly_constrained(measurements, world, NO_PRIOR)
-    assert sentence.startswith("no wall of the plan holds frames 4-7")
+    (found,) = weakly_constrained(measurements, world, NO_PRIOR)
+    assert found.kind is ResultKind.NO_WALL_HOLDS
+    assert found.frames == ((4, 7),)
 
 
 def test_coincident_frames_and_points_on_one_plane_are_solved(world):
@@ -131,4 +138,6 @@ def test_a_scan_with_floor_alone_stays_where_it_was_put(world):
         Measurements(empty, s, world.odometry), world.floorplan, world.plan_from_cams, options
     )
     assert position_rms_m(plan_adjustment.solution.target_from_cams, world.plan_from_cams) < 1e-6
-    assert plan_adjustment.weakly_constrained[0].startswith("frames 1-7 are not held by anything")
+    found = plan_adjustment.weakly_constrained[0]
+    assert found.kind is ResultKind.NOT_HELD
+    assert found.frames == ((1, 7),)

@@ -14,6 +14,7 @@ from planfit.adjust import (
 )
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.torn_steps import find_torn_steps
+from planfit.findings import ScanKind
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.observations import Observations
@@ -110,9 +111,8 @@ def test_visits_that_tear_a_step_are_dropped_and_named(walk, places):
     assert closed.is_dropped[~is_false].mean() < 0.03
     assert closed.torn_steps == ()
     assert position_rms_m(closed.solution.target_from_cams, true) < 0.06
-    named = " ".join(visit.sentence for visit in closed.dropped)
-    for i, j in places:
-        assert f"frames {i}-{i + 3} and frames {j}-{j + 3} look alike" in named
+    named = {visit.finding.frames for visit in closed.dropped}
+    assert named >= {((i, i + 3), (j, j + 3)) for i, j in places}
 
 
 def test_a_step_that_the_frames_beside_it_contradict_is_given_up_for_them(walk):
@@ -160,8 +160,8 @@ def test_what_is_dropped_is_named_and_takes_no_part_in_what_follows(walk, every)
     gravity = Gravity(np.array([0, 0, 1.0]), 0.9, "truth")
     observations = Observations(gravity, seen.structure, seen.matches, keyframe_idx=keyframe_idx)
     prepared = prepare(room_scan(recorded), observations)
-    (warning,) = prepared.warnings
-    assert "look alike" in warning
+    (found,) = prepared.findings
+    assert found.kind is ScanKind.REVISIT_TEARS_STEP
     keys = prepared.keyframes
     left = set(map(tuple, keys.frame_idx[prepared.measurements.matches.pairs].tolist()))
     assert len(left) > 40

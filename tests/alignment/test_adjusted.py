@@ -7,6 +7,7 @@ import pytest
 
 from builders import faces_plan, room_plan
 from planfit.alignment import AlignOptions, align, judge_adjusted, sample_walls
+from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -45,9 +46,9 @@ def turned(walls, yaw, shift):
 def test_adjusted_walls_on_their_plan_are_sure_though_they_were_bent_before(office):
     walls = walls_of(office)
     before = align(turned(walls, 0.3, (5.0, 2.0)), office, OPTIONS)
-    bent = replace(before, is_sure=False, score=0.3, warnings=("weak",), bent=("weak",))
+    bent = replace(before, is_sure=False, score=0.3, findings=())
     judged = judge_adjusted(walls, office, bent, OPTIONS)
-    assert judged.doubt == ""
+    assert judged.doubt is None
     assert judged.score > 0.99
     assert judged.seen_through == 0.0
     # The competitor is looked for with the adjusted walls, in the plan's axes.
@@ -60,17 +61,19 @@ def test_walls_beside_the_plan_are_doubted(office):
     off = replace(walls, xy=walls.xy + np.array([0.4, 0.4]))
     judged = judge_adjusted(off, office, replace(found, candidates=()), OPTIONS)
     assert judged.score < 0.3
-    assert "only" in judged.doubt
+    assert judged.doubt.kind is PlanKind.ADJUSTED_LITTLE_WALL
 
 
 def test_a_symmetric_room_is_sure_only_where_its_place_was_given():
     plan = room_plan()
     walls = walls_of(plan)
     found = align(walls, plan, OPTIONS)
-    assert "elsewhere almost as well" in judge_adjusted(walls, plan, found, OPTIONS).doubt
+    assert (
+        judge_adjusted(walls, plan, found, OPTIONS).doubt.kind is PlanKind.ADJUSTED_FITS_ELSEWHERE
+    )
     given = replace(found, is_as_recorded=True)
-    assert judge_adjusted(walls, plan, given, OPTIONS).doubt == ""
-    assert judge_adjusted(walls, plan, found, AlignOptions(candidate=2)).doubt == ""
+    assert judge_adjusted(walls, plan, given, OPTIONS).doubt is None
+    assert judge_adjusted(walls, plan, found, AlignOptions(candidate=2)).doubt is None
 
 
 def test_a_given_place_that_another_beats_is_doubted(office):
@@ -82,7 +85,7 @@ def test_a_given_place_that_another_beats_is_doubted(office):
     rivals = replace(found, candidates=(*found.candidates, *other.candidates))
     judged = judge_adjusted(shifted, office, rivals, OPTIONS)
     assert judged.runner_up_score > judged.score
-    assert "elsewhere" in judged.doubt
+    assert judged.doubt.kind is PlanKind.ADJUSTED_FITS_ELSEWHERE
 
 
 def test_a_plan_that_lacks_half_of_the_walls_is_sure_where_no_wall_is_seen_through(office):
@@ -91,7 +94,7 @@ def test_a_plan_that_lacks_half_of_the_walls_is_sure_where_no_wall_is_seen_throu
     found = replace(align(walls, lacking, OPTIONS), is_as_recorded=True, candidates=())
     judged = judge_adjusted(walls, lacking, found, OPTIONS)
     assert 0.25 < judged.score < 0.6
-    assert judged.doubt == ""
+    assert judged.doubt is None
 
 
 def test_a_plan_that_was_seen_through_is_doubted_though_the_place_was_given(office):
@@ -108,15 +111,15 @@ def test_a_plan_that_was_seen_through_is_doubted_though_the_place_was_given(offi
     judged = judge_adjusted(walls, other, found, OPTIONS)
     assert judged.score > 0.25
     assert judged.evidence.is_seen_through
-    assert "seems to be of another place" in judged.doubt
+    assert judged.doubt.kind is PlanKind.ADJUSTED_SEEN_THROUGH
     # The same two alone, where others are not drawn at all, is a plan that lacks walls.
-    assert judge_adjusted(walls, lacking, found, OPTIONS).doubt == ""
+    assert judge_adjusted(walls, lacking, found, OPTIONS).doubt is None
     # Where surveyed points put the scan, its place is known, whatever the plan.
     surveyed = replace(found, is_surveyed=True)
-    assert judge_adjusted(walls, other, surveyed, OPTIONS).doubt == ""
+    assert judge_adjusted(walls, other, surveyed, OPTIONS).doubt is None
 
 
 def test_a_mirrored_plan_is_doubted(office):
     walls = walls_of(office)
     found = replace(align(walls, office, OPTIONS), is_mirrored=True)
-    assert "left and right swapped" in judge_adjusted(walls, office, found, OPTIONS).doubt
+    assert judge_adjusted(walls, office, found, OPTIONS).doubt.kind is PlanKind.ADJUSTED_MIRRORED

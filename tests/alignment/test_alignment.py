@@ -7,8 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import faces_plan, moved_plan, room_plan
-from planfit.alignment import AlignOptions, align, sample_walls
+from planfit.alignment import SETTLED_BY_POINTS, AlignOptions, align, sample_walls
 from planfit.alignment.candidates import candidate_yaws
+from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -112,10 +113,10 @@ def test_faces_of_unknown_side_are_enough(office):
 def test_a_rectangle_is_ambiguous_by_half_a_turn():
     found = align(seen(room_plan(), np.arange(4), np.eye(4)), room_plan(), AlignOptions())
     assert found.margin < 0.01
-    (warning,) = found.warnings
-    assert "ambiguous" in warning
-    assert found.ambiguous == (warning,)
-    assert "180 deg" in warning
+    (ambiguous,) = found.findings
+    assert ambiguous.kind is PlanKind.AMBIGUOUS_PLACE
+    assert ambiguous.kind in SETTLED_BY_POINTS
+    assert ambiguous.facts["apart_deg"] == pytest.approx(180, abs=0.5)
     assert found.runner_up is not None
 
 
@@ -129,7 +130,7 @@ def test_a_building_of_two_equal_rooms_is_ambiguous():
         np.ones(8, dtype=bool),
     )
     found = align(seen(plan, np.arange(3), np.eye(4)), plan, AlignOptions())
-    assert any("ambiguous" in warning for warning in found.warnings)
+    assert any(each.kind is PlanKind.AMBIGUOUS_PLACE for each in found.findings)
 
 
 def test_a_wrong_plan_is_said_to_be_one(office, rng):
@@ -137,7 +138,7 @@ def test_a_wrong_plan_is_said_to_be_one(office, rng):
     small = room_plan(2.0, 2.0)
     found = align(walls, small, AlignOptions())
     assert found.score < AlignOptions().min_score
-    assert any("is it the plan of this building" in warning for warning in found.warnings)
+    assert any(each.kind is PlanKind.LITTLE_WALL_ON_PLAN for each in found.findings)
 
 
 # The place that the scan's format claims.
@@ -152,8 +153,8 @@ def test_a_claimed_alignment_that_fits_resolves_an_ambiguity(off_m):
     found = align(walls, room_plan(), AlignOptions(), claimed)
     assert found.is_as_recorded
     assert found.is_sure
-    (words,) = found.warnings
-    assert "the one that the scan's format records was taken" in words
+    (other,) = found.findings
+    assert other.kind is PlanKind.OTHER_PLACE_THAN_RECORDED
     assert_at(found, truth)
 
 
@@ -162,7 +163,8 @@ def test_a_claimed_alignment_far_from_the_one_found_is_rejected_with_a_warning(o
     found = align(seen(office, np.arange(12), np.eye(4)), office, AlignOptions(), claimed)
     assert not found.is_as_recorded
     assert_at(found, np.eye(4))
-    assert any("plan's axes" in w and "20.0 m" in w for w in found.warnings)
+    (elsewhere,) = (e for e in found.findings if e.kind is PlanKind.NOT_AS_RECORDED)
+    assert elsewhere.facts["apart_m"] == pytest.approx(20.0, abs=0.05)
 
 
 def test_a_claimed_half_turn_about_the_middle_of_the_scan_is_rejected(office):
@@ -174,7 +176,8 @@ def test_a_claimed_half_turn_about_the_middle_of_the_scan_is_rejected(office):
     found = align(walls, office, AlignOptions(), rotation)
     assert_at(found, np.eye(4))
     assert not found.is_as_recorded
-    assert any("180 deg away" in warning for warning in found.warnings)
+    (turned,) = (e for e in found.findings if e.kind is PlanKind.NOT_AS_RECORDED)
+    assert turned.facts["apart_deg"] == pytest.approx(180, abs=0.5)
 
 
 def test_without_a_claim_nothing_is_as_recorded(office):
@@ -204,7 +207,7 @@ def test_prior_yaw_deg(office):
 def test_min_score_and_min_margin():
     walls = seen(room_plan(), np.arange(4), np.eye(4))
     picky = align(walls, room_plan(), AlignOptions(min_score=1.01))
-    assert any("of the scanned wall lies on" in w for w in picky.warnings)
+    assert any(each.kind is PlanKind.LITTLE_WALL_ON_PLAN for each in picky.findings)
     assert align(walls, room_plan(), AlignOptions(min_margin=-1.0)).warnings == ()
 
 

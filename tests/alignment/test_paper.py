@@ -9,6 +9,7 @@ from builders import faces_plan, moved_plan
 from planfit.alignment import AlignOptions, align_paper, sample_walls
 from planfit.alignment.paper import boundary_scan, floorplan_3d, main_direction
 from planfit.errors import ScanError
+from planfit.findings import PlanKind
 from planfit.floorplan import nearest_faces
 from planfit.geometry import se3
 
@@ -52,22 +53,20 @@ def test_a_partial_scan_breaks_its_first_assumption(rng):
     plan = replace(PLAN, ends=PLAN.ends / 0.02, is_metric=False)
     found = align_paper(points, walls, plan, AlignOptions(), rng)
     assert not found.is_sure
-    assert any("needs a scan of the whole plan and of nothing else" in w for w in found.warnings)
+    assert any(each.kind is PlanKind.EXTENTS_DIFFER for each in found.findings)
 
 
 def test_a_square_breaks_its_choice_of_rotation(rng):
     plan = faces_plan([[0, 0], [6, 0], [6, 6], [0, 6]])
     found = align_paper(*scanned(plan, np.arange(4), rng), plan, AlignOptions(), rng)
-    assert any(
-        "takes the nearest of four rotations, but two are alike" in w for w in found.warnings
-    )
+    assert any(each.kind is PlanKind.ROTATIONS_ALIKE for each in found.findings)
 
 
 def test_walls_of_many_directions_break_its_right_angles(rng):
     angle = np.arange(12) * np.pi / 6 + 0.1
     ring = faces_plan(5 * np.column_stack([np.cos(angle), np.sin(angle)]))
     found = align_paper(*scanned(ring, np.arange(12), rng), ring, AlignOptions(), rng)
-    assert any("needs walls at right angles" in w for w in found.warnings)
+    assert any(each.kind is PlanKind.FEW_RIGHT_ANGLES for each in found.findings)
 
 
 def test_floor_and_outliers_are_no_boundary(rng):

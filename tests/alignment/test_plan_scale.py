@@ -15,8 +15,8 @@ from planfit.alignment import (
     is_off,
     may_be_rescaled,
     sample_walls,
-    scale_words,
 )
+from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -152,10 +152,9 @@ def test_off_is_more_than_usual_and_surely_so(office, scan, factor, sigma, expec
     assert is_off(at_scale(office, scan, factor, sigma)) is expected
 
 
-def test_the_words_say_which_way_and_what_else_it_could_be(office, scan):
-    small = scale_words(at_scale(office, scan, 1 / 0.97, 0.002))
-    assert "drawn 3.0% too small: its coordinates were multiplied by 1.0309 (within 0.2%)" in small
-    assert "depth and motion are 3.0% too long" in small
-    large = scale_words(at_scale(office, scan, 1 / 1.05, 0.001))
-    assert "drawn 5.0% too large: its coordinates were multiplied by 0.9524 (within 0.1%)" in large
-    assert "5.0% too short" in large
+def test_a_plan_at_another_scale_is_found_with_its_factor(office, scan):
+    taken = replace(at_scale(office, scan, 1 / 0.97, 0.002), is_plan_rescaled=True)
+    found = taken.all_findings[-1]
+    assert found.kind is PlanKind.PLAN_RESCALED
+    assert found.facts["scale_ratio"] == pytest.approx(1 / 0.97)
+    assert found.facts["sigma_share"] == pytest.approx(0.002)

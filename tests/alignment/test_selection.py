@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from builders import room_plan
-from planfit.alignment import AlignOptions
+from planfit.alignment import MENDED_BY_WALLS, AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis
 from planfit.alignment.selection import (
     SameWithin,
@@ -15,6 +15,7 @@ from planfit.alignment.selection import (
     select_hypothesis,
 )
 from planfit.alignment.wall_samples import WallSamples
+from planfit.findings import PlanKind
 from planfit.geometry import segments
 
 WITHIN = SameWithin(translation_m=0.5, yaw_deg=5.0, scale=0.02)
@@ -68,7 +69,7 @@ def test_what_fits_little_must_stand_out_more(walls, score, elsewhere, is_sure):
     plan, options = room_plan(), AlignOptions()
     found = select_hypothesis(walls, both, None, None, plan, options)
     assert found.is_sure is is_sure
-    assert any("another building" in warning for warning in found.warnings) is not is_sure
+    assert any(each.kind is PlanKind.LITTLE_MARGIN for each in found.findings) is not is_sure
     # Where the scan's format says the same, or the user, little is enough.
     assert select_hypothesis(walls, both, both[0], None, plan, options).is_sure
 
@@ -78,7 +79,8 @@ def test_that_little_wall_fits_is_told_as_what_the_adjustment_may_mend(walls):
     options = AlignOptions()
     few = [hypothesis(walls, score=options.min_score - 0.1)]
     found = select_hypothesis(walls, few, None, None, room_plan(), options)
-    assert len(found.bent) == 1
-    assert set(found.bent) <= set(found.warnings)
+    (little,) = found.findings
+    assert little.kind is PlanKind.LITTLE_WALL_ON_PLAN
+    assert little.kind in MENDED_BY_WALLS
     many = [hypothesis(walls, score=options.min_score + 0.3)]
-    assert not select_hypothesis(walls, many, None, None, room_plan(), options).bent
+    assert select_hypothesis(walls, many, None, None, room_plan(), options).findings == ()

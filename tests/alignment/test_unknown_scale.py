@@ -17,6 +17,7 @@ from planfit.alignment import (
 from planfit.alignment.candidates import scale_range, scale_steps, wall_thickness
 from planfit.alignment.selection import select_hypothesis
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -121,7 +122,7 @@ def test_free_space_breaks_a_tie():
     blind = sample_walls(plan.normals[:6], plan.ends[:6])
     both = align(blind, plan, AlignOptions())
     assert not both.is_sure
-    assert any("ambiguous" in words for words in both.warnings)
+    assert any(each.kind is PlanKind.AMBIGUOUS_PLACE for each in both.findings)
     # Seen from one end of the room: the wall across the other one would have hidden half of it.
     eyes = np.tile([1.0, 2.0], (6, 1))
     seeing = sample_walls(plan.normals[:6], plan.ends[:6], seen_from=eyes)
@@ -139,8 +140,8 @@ def test_candidate_2_is_the_other_hypothesis():
     gap = first.plan_from_level[0, 3] - second.plan_from_level[0, 3]
     assert abs(gap) == pytest.approx(10.0, abs=0.02)
     assert len(first.candidates) >= 2
-    (words,) = second.warnings
-    assert words.endswith("the one asked for was taken")
+    (other,) = second.findings
+    assert other.kind is PlanKind.OTHER_PLACE_THAN_ASKED
 
 
 def test_a_candidate_that_is_not_there_is_refused(office, scan):
@@ -152,7 +153,8 @@ def test_a_square_room_is_ambiguous():
     plan = room_plan(5.0, 5.0)
     found = align(sample_walls(plan.normals, plan.ends), plan, AlignOptions())
     assert not found.is_sure
-    assert any("90 deg apart" in words or "180 deg apart" in words for words in found.warnings)
+    (rival,) = (each for each in found.findings if each.kind is PlanKind.AMBIGUOUS_PLACE)
+    assert rival.facts["apart_deg"] % 90 == pytest.approx(0, abs=0.5)
 
 
 def test_a_bare_corridor_leaves_its_length_open():
@@ -161,7 +163,7 @@ def test_a_bare_corridor_leaves_its_length_open():
     walls = sample_walls(plan.normals[[0, 2]], ends)
     found = align(walls, plan, AlignOptions())
     assert not found.is_sure
-    assert any("open along one direction" in words for words in found.warnings)
+    assert any(each.kind is PlanKind.DIRECTION_OPEN for each in found.findings)
 
 
 @pytest.mark.parametrize("metres_per_unit", [1.0, 0.02])
@@ -175,8 +177,8 @@ def test_a_mirrored_plan_is_said_to_be_one(office, scan, metres_per_unit):
     found = align(scan, plan, AlignOptions())
     assert found.is_mirrored
     assert not found.is_sure
-    assert any(words.startswith("the plan is mirrored: ") for words in found.warnings)
-    assert any(words.endswith("run again with --mirror") for words in found.warnings)
+    (mirrored,) = (each for each in found.findings if each.kind is PlanKind.PLAN_MIRRORED)
+    assert mirrored.advice == "run again with --mirror"
     assert not align(scan, office, AlignOptions()).is_mirrored
 
 
@@ -190,19 +192,19 @@ def test_a_worse_candidate_makes_no_plan_mirrored(office, scan, score, is_mirror
     )
     assert found.taken is other
     assert found.is_mirrored == is_mirrored
-    assert any("mirrored" in words for words in found.warnings) == is_mirrored
+    kinds = [each.kind for each in found.findings]
+    assert (PlanKind.PLAN_MIRRORED in kinds) == is_mirrored
     if not is_mirrored:
-        assert found.warnings[0].startswith(
-            "another alignment fits the plan better (90% of the wall, 50%"
-        )
-        assert found.warnings[0].endswith("the one asked for was taken")
-        assert not any("of this building" in words for words in found.warnings)
+        assert kinds[0] is PlanKind.OTHER_PLACE_BETTER
+        assert found.findings[0].facts["other_wall_share"] == 0.9
+        assert PlanKind.LITTLE_WALL_ON_PLAN not in kinds
 
 
 def test_a_plan_mirrored_for_nothing_is_said_to_be_one(office, scan):
     found = align(scan, office.mirrored(), AlignOptions())
     assert found.is_mirrored
-    assert any(words.endswith("run again without --mirror") for words in found.warnings)
+    (mirrored,) = (each for each in found.findings if each.kind is PlanKind.PLAN_MIRRORED)
+    assert mirrored.advice == "run again without --mirror"
 
 
 @pytest.mark.parametrize("metres_per_unit", [1.0, 0.02])

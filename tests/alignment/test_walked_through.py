@@ -5,7 +5,7 @@ import pytest
 
 from builders import faces_plan, room_plan
 from planfit.alignment import AlignmentHypothesis, PlanEvidence, plan_evidence, sample_walls
-from planfit.alignment.evidence import WALKED_FREELY, evidence_words, with_way
+from planfit.alignment.evidence import WALKED_FREELY, evidence_findings, with_way
 from planfit.alignment.visibility import crosses_face
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
@@ -115,7 +115,7 @@ def test_walls_drawn_by_centre_lines_are_noticed(plan, half_m, expected_m, rng):
     )
     found = plan_evidence(noisy, centre_lines(half_m, plan), HERE)
     assert found.line_offset_m == pytest.approx(expected_m, abs=0.005)
-    against, besides = evidence_words(found)
+    against, besides = evidence_findings(found)
     assert bool(against) == (expected_m > 0.05)
     assert bool(besides) == (0 < expected_m < 0.05)
 
@@ -133,6 +133,6 @@ def test_faces_of_known_side_have_no_centre_line(plan):
     [(0.6, 20.0, True), (0.4, 20.0, False), (0.6, 5.0, False)],
 )
 def test_walls_seen_through_speak_against_the_plan(seen_through, judged_m, is_against):
-    against, besides = evidence_words(PlanEvidence(0.0, seen_through, judged_m))
+    against, besides = evidence_findings(PlanEvidence(0.0, seen_through, judged_m))
     assert bool(against) is is_against
     assert besides == []

@@ -69,7 +69,8 @@ def test_both_parts_stand_to_each_other_as_they_were(truth, rng):
     assert off.max() < 0.1
     (told,) = tracking.breaks
     assert (told.kind, told.first_frame) == ("jump", STEP)
-    assert "the walls of the plan show a step of 0." in told.reason
+    assert told.finding.facts["witness"] == "walls of the plan"
+    assert told.finding.facts["corrected_m"] < 1.0
     # What the walls alone say holds the step loosely.
     assert tracking.odometry.sigma_translation[STEP] == pytest.approx(0.5)
 

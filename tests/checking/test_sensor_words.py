@@ -9,7 +9,7 @@ from builders import CAMERA
 from planfit.adjust.calibration import NOT_CALIBRATED, SHARED, Calibration
 from planfit.export.record import sensor_record
 from planfit.geometry.calibration import NOMINAL
-from planfit.pipeline.sensor import sensor_parameters, sensor_warnings
+from planfit.pipeline.sensor import sensor_findings, sensor_parameters
 
 
 def found(implausible=(), **departures):
@@ -35,31 +35,34 @@ def found(implausible=(), **departures):
     ],
 )  # fmt: skip
 def test_what_is_kept_is_said_in_words(name, departure, words):
-    (warning,) = sensor_warnings(sensor_parameters(found(**{name: (departure, 0.001)}), CAMERA))
-    assert words in warning
+    (warning,) = sensor_findings(sensor_parameters(found(**{name: (departure, 0.001)}), CAMERA))
+    assert words in warning.sentence
 
 
 def test_two_that_are_kept_are_one_warning():
     both = found(depth_scale=(-0.02, 0.001), focal_scale=(0.03, 0.002))
-    (warning,) = sensor_warnings(sensor_parameters(both, CAMERA))
-    assert warning.count("corrected by") == 2
+    (warning,) = sensor_findings(sensor_parameters(both, CAMERA))
+    assert len(warning.parts) == 2
 
 
 def test_what_no_camera_can_be_is_said_to_be_uncorrected():
     odd = found(("principal_x",), principal_x=(17 / CAMERA.fx, 0.001))
-    (warning,) = sensor_warnings(sensor_parameters(odd, CAMERA))
-    assert "asks for a principal point in x 17 px off, more than a camera can be off" in warning
-    assert "nothing was corrected; colour and depth may not be registered" in warning
-    (warning,) = sensor_warnings(
+    (warning,) = sensor_findings(sensor_parameters(odd, CAMERA))
+    assert (
+        "asks for a principal point in x 17 px off, more than a camera can be off"
+        in warning.sentence
+    )
+    assert "nothing was corrected; colour and depth may not be registered" in warning.sentence
+    (warning,) = sensor_findings(
         sensor_parameters(found(("depth_scale",), depth_scale=(0.15, 0.001)), CAMERA)
     )
-    assert "asks for depth 15.0% off" in warning
-    assert "--depth-scale" in warning
-    assert "registered" not in warning
+    assert "asks for depth 15.0% off" in warning.sentence
+    assert "--depth-scale" in warning.sentence
+    assert "registered" not in warning.sentence
 
 
 def test_of_a_sensor_without_fault_nothing_is_said():
-    assert sensor_warnings(sensor_parameters(NOT_CALIBRATED, CAMERA)) == ()
+    assert sensor_findings(sensor_parameters(NOT_CALIBRATED, CAMERA)) == ()
 
 
 def test_the_record_has_each_parameter_and_the_corrected_camera():

@@ -1,15 +1,13 @@
 """Each kind of evidence, alone, turns the verdict as it should."""
 
-import re
-
 import numpy as np
 import pytest
 
 from planfit.adjust import TornStep
 from planfit.alignment import AdjustedAlignment
+from planfit.findings import Finding, PlanKind, PoseKind, ResultKind
 from planfit.pipeline.verdict import Outcome, judge
 from planfit.pipeline.verdict_options import VerdictOptions
-from planfit.tracking import TrackingDoubt
 from verdicts import make_evidence, make_stretch, make_verdict, make_visit
 
 
@@ -26,78 +24,108 @@ def test_good_evidence_is_refined():
     assert "within about 0.03 m" in verdict.headline
 
 
+ALL = ((0, 49),)
+DOUBT = Finding(PoseKind.POSES_REPEAT, {"repeated_count": 40, "frame_count": 50})
+ELSEWHERE = Finding(PlanKind.ADJUSTED_FITS_ELSEWHERE, {"wall_share": 0.3, "other_wall_share": 0.3})
+
+
 @pytest.mark.parametrize(
-    ("changes", "frames", "words"),
+    ("changes", "kind", "frames", "facts"),
     [
         (
             {"stretches": stretches({2, 3}, predicted_m=0.5, open_direction=(1.0, 0.0))},
+            ResultKind.FRAMES_NOT_FIXED,
             ((20, 39),),
-            r"frames 20-39 are not fixed along the plan's direction \(1.00, 0.00\): .* off by 0.50 m",
+            {"predicted_m": 0.5, "direction": (1.0, 0.0)},
         ),
         (
             {"unplaced": ((5, 9), (30, 30))},
+            ResultKind.FRAMES_WITHOUT_PLACE,
             ((5, 9), (30, 30)),
-            "frames 5-9 and 30 have no place: tracking was lost there",
+            {},
         ),
-        (
-            {"tracking_doubt": TrackingDoubt("poses repeat while the images move", "export again")},
-            ((0, 49),),
-            "poses repeat while the images move$",
-        ),
+        ({"tracking_doubt": DOUBT}, PoseKind.POSES_REPEAT, ALL, DOUBT.facts),
         (
             {"torn": (TornStep((12, 13), 0.5, 2.4, 2.0, 30.0, 90.0),)},
+            ResultKind.PATH_TORN,
             ((12, 13),),
-            "torn at frames 12-13: .* 2.0 m and",
+            {"departure_m": 2.0, "departure_deg": 30.0},
         ),
-        (
-            {"leaps": ((30, 31),)},
-            ((30, 31),),
-            "the walk leaps at frames 30-31, further than any walk does",
-        ),
+        ({"leaps": ((30, 31),)}, ResultKind.WALK_LEAPS, ((30, 31),), {}),
         (
             {"stretches": stretches({0, 1}, near_kept_out=0.0), "visits": ()},
+            ResultKind.FRAMES_UNCONFIRMED,
             ((0, 19),),
-            "frames 0-19 are confirmed by nothing: 0% of their 40 wall patches",
+            {"near_share": 0.0, "near_share_elsewhere": pytest.approx(0.9), "patch_count": 40},
         ),
         (
             {"stretches": stretches(set(range(5)), near_kept_out=0.4), "visits": (), "scan_costs": {}},
-            ((0, 49),),
-            "nothing but walls corrects the recorded motion, .* only 40% of the wall patches",
+            ResultKind.WALLS_ALONE,
+            ALL,
+            {"near_share": pytest.approx(0.4)},
         ),
-        ({"visits": (make_visit(after_m=0.8),)}, ((0, 9), (40, 49)), "1 contradict the result, by 0.8 m"),
-        ({"scan_costs": {"points": (300.0, 400.0)}}, ((0, 49),), "misfit of the points rises 1.3 times"),
-        ({"predicted_error_m": np.full(50, 0.15)}, ((0, 49),), "all frames may be off by 0.15 m"),
-        ({"is_placed": False, "alignment": None}, ((0, 49),), "not placed on the plan"),
+        (
+            {"visits": (make_visit(after_m=0.8),)},
+            ResultKind.REVISITS_CONTRADICT_RESULT,
+            ((0, 9), (40, 49)),
+            {"revisit_count": 1, "contradicted_count": 1, "distance_m": 0.8},
+        ),
+        (
+            {"scan_costs": {"points": (300.0, 400.0)}},
+            ResultKind.PLAN_STRAINS_TERM,
+            ALL,
+            {"term": "points", "misfit_ratio": pytest.approx(4 / 3)},
+        ),
+        (
+            {"predicted_error_m": np.full(50, 0.15)},
+            ResultKind.ALL_MAY_BE_OFF,
+            ALL,
+            {"predicted_rms_m": pytest.approx(0.15)},
+        ),
+        ({"is_placed": False, "alignment": None}, ResultKind.NOT_PLACED, ALL, {}),
     ],
 )  # fmt: skip
-def test_what_reserves(changes, frames, words):
+def test_what_reserves(changes, kind, frames, facts):
     verdict = make_verdict(**changes)
     assert verdict.outcome == "improved"
     assert not verdict.is_refined
     (reservation,) = verdict.reservations
+    assert reservation.kind is kind
+    assert reservation.severity == "reservation"
     assert reservation.frames == frames
-    assert re.search(words, reservation.words)
-    assert verdict.headline.startswith("improved, with reservations: ")
-    assert reservation.advice in verdict.headline
+    assert reservation.facts == facts
+    first = f"{reservation.words}; {reservation.advice}"
+    assert verdict.headline == f"improved, with reservations: {first}"
 
 
 @pytest.mark.parametrize(
-    ("changes", "words"),
+    ("changes", "kind", "facts"),
     [
-        ({"alignment": AdjustedAlignment(0.3, 0.3, 0.2, "it fits elsewhere")}, "it fits elsewhere"),
-        ({"visits": (make_visit(before_m=0.1, kept_out_m=0.2),)}, "from 0.100 to 0.200 m"),
-        ({"stretches": stretches(range(5), near_before=0.97)}, "from 97% to 90% on it"),
+        ({"alignment": AdjustedAlignment(0.3, 0.3, 0.2, ELSEWHERE)}, ResultKind.PLACE_NOT_CERTAIN, {}),
+        (
+            {"visits": (make_visit(before_m=0.1, kept_out_m=0.2),)},
+            ResultKind.REVISITS_CAME_APART,
+            {"before_m": 0.1, "after_m": 0.2},
+        ),
+        (
+            {"stretches": stretches(range(5), near_before=0.97)},
+            ResultKind.WALLS_LEFT_PLAN,
+            {"before_share": pytest.approx(0.97), "after_share": pytest.approx(0.9)},
+        ),
         (
             {"predicted_error_m": np.full(50, 0.4)},
-            "0.40 m, is too large a part of what was corrected, 0.50 m",
+            ResultKind.ERROR_TOO_LARGE,
+            {"predicted_rms_m": pytest.approx(0.4), "moved_rms_m": pytest.approx(0.5)},
         ),
     ],
-)
-def test_what_is_no_better(changes, words):
+)  # fmt: skip
+def test_what_is_no_better(changes, kind, facts):
     verdict = make_verdict(**changes)
     assert verdict.outcome is Outcome.NO_BETTER
-    assert words in verdict.headline
-    assert "use the recorded poses" in verdict.headline
+    assert verdict.because[0].kind is kind
+    assert verdict.because[0].severity == "against"
+    assert verdict.because[0].facts == facts
+    assert verdict.headline == f"no better: use the recorded poses, as {verdict.reasons[0]}"
     assert "use the recorded poses" in verdict.advice
 
 
@@ -174,16 +202,23 @@ def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against():
     assert judged.outcome == "improved"
 
 
+def moved_wall(k):
+    ends = {"from_xy_m": (k, 0.0), "to_xy_m": (k, 3.0), "normal": (1.0, 0.0)}
+    facts = ends | {"offset_m": 0.3, "sigma_m": 0.01, "patch_count": 4}
+    return Finding(ResultKind.WALL_MOVED, facts, faces=(k,))
+
+
 def test_walls_are_named_where_the_scan_fits_in_two_ways():
-    walls = tuple(f"the wall at ({k}.0, 0.0)-({k}.0, 3.0): 0.30 m towards +x" for k in range(5))
+    walls = tuple(moved_wall(k) for k in range(5))
     unsure = {"predicted_error_m": np.full(50, 0.25), "correction_m": np.full(50, 2.0)}
     verdict = make_verdict(rival_error_m=0.2, moved_walls=walls, **unsure)
     assert verdict.outcome == "improved"
     first = verdict.reservations[0]
-    assert first.walls == walls
-    assert "0.20 m (RMS) elsewhere" in first.words
-    assert all(name in first.words for name in (*walls[:3], "2 more"))
-    assert walls[3] not in first.words
+    assert first.kind is ResultKind.FITS_ELSEWHERE
+    assert first.parts == walls
+    assert first.faces == (0, 1, 2, 3, 4)
+    assert all(name in first.words for name in (*(wall.sentence for wall in walls[:3]), "2 more"))
+    assert walls[3].sentence not in first.words
     assert "measure one of these walls" in verdict.advice
     bare = make_verdict(rival_error_m=0.2, **unsure).reservations[0]
     assert "moved" not in bare.words
@@ -199,18 +234,16 @@ def test_a_scan_that_fits_in_two_places_is_better_than_recorded_in_either():
 
 
 def test_moved_walls_alone_are_no_reservation():
-    assert make_verdict(moved_walls=("the wall at ...",), rival_error_m=0.05).is_refined
+    assert make_verdict(moved_walls=(moved_wall(1),), rival_error_m=0.05).is_refined
 
 
 def test_poses_that_say_nothing_are_not_recommended():
-    doubt = TrackingDoubt("the poses never change", "export the scan again")
-    verdict = make_verdict(
-        alignment=AdjustedAlignment(0.9, 0.4, 0.0, doubt="elsewhere"), tracking_doubt=doubt
-    )
+    elsewhere = AdjustedAlignment(0.9, 0.4, 0.0, doubt=ELSEWHERE)
+    verdict = make_verdict(alignment=elsewhere, tracking_doubt=DOUBT)
     assert verdict.outcome is Outcome.NO_BETTER
-    assert verdict.headline.endswith("can be used, as the poses never change")
+    assert verdict.headline.endswith(f"can be used, as {DOUBT.words}")
     assert "use the recorded poses" not in verdict.headline
-    assert verdict.advice == "export the scan again"
+    assert verdict.advice == DOUBT.advice
 
 
 def test_frames_without_a_place_do_not_count_in_the_predicted_error():

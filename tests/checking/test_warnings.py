@@ -1,4 +1,4 @@
-"""Each warning is given by what it names, and by nothing else."""
+"""Each finding is made by what it names, and by nothing else."""
 
 from dataclasses import replace
 
@@ -9,12 +9,14 @@ from builders import make_matches, make_structure, make_ties, make_world, room_s
 from planfit.adjust import PlanAdjustment, Solution, TornStep
 from planfit.adjust.association import Association
 from planfit.alignment import Alignment
+from planfit.findings import Finding, PlanKind, ResultKind, ScanKind
 from planfit.lsq.solver import Stop
 from planfit.matching import SurfacePairs
-from planfit.pipeline.diagnostics import MIN_NEAR_SHARE, alignment_warnings, scan_warnings
+from planfit.pipeline.diagnostics import MIN_NEAR_SHARE, alignment_findings, scan_findings
 from planfit.pipeline.validation import Check
 from planfit.segmentation import Gravity, no_level_points
 
+LINES = Finding(PlanKind.SINGLE_LINES)
 GRAVITY = Gravity(np.array([0, 0, 1.0]), 0.8, "the most common normal")
 
 
@@ -23,7 +25,7 @@ def world(rng):
     return make_world(rng, n=24)
 
 
-def warnings_of_scan(world, **changes):
+def found_of_scan(world, **changes):
     given = {
         "scan": room_scan(world.plan_from_cams),
         "gravity": GRAVITY,
@@ -31,11 +33,11 @@ def warnings_of_scan(world, **changes):
         "matches": world.matches,
         "neighbours": 4,
     }
-    return scan_warnings(**(given | changes))
+    return scan_findings(**(given | changes))
 
 
 def test_a_good_scan_gives_none(world):
-    assert warnings_of_scan(world) == ()
+    assert found_of_scan(world) == ()
 
 
 def test_warnings_about_the_scan(world, rng):
@@ -43,18 +45,17 @@ def test_warnings_about_the_scan(world, rng):
     points = rng.normal(size=(20, 3))
     walls = replace(world.structure, floor=no_level_points(len(world.plan_from_cams)))
     cases = {
-        "only 5 frames": {"scan": room_scan(poses[:5])},
-        "gravity is unsure": {"gravity": replace(GRAVITY, confidence=0.01)},
-        "no floor was seen": {"structure": walls},
-        "no two frames could be matched": {"matches": make_matches(poses, [], points[:0])},
-        "no loop": {"matches": make_matches(poses, [(0, 1), (3, 7)], points)},
+        ScanKind.FEW_FRAMES: {"scan": room_scan(poses[:5])},
+        ScanKind.GRAVITY_UNSURE: {"gravity": replace(GRAVITY, confidence=0.01)},
+        ScanKind.NO_FLOOR: {"structure": walls},
+        ScanKind.NO_MATCHES: {"matches": make_matches(poses, [], points[:0])},
+        ScanKind.NO_LOOPS: {"matches": make_matches(poses, [(0, 1), (3, 7)], points)},
     }
-    for words, change in cases.items():
-        (warning,) = warnings_of_scan(world, **change)
-        assert words in warning
-    blind = warnings_of_scan(world, structure=make_structure(poses))
-    assert len(blind) == 2
-    assert "no wall was seen" in blind[1]
+    for kind, change in cases.items():
+        (found,) = found_of_scan(world, **change)
+        assert found.kind is kind
+    blind = found_of_scan(world, structure=make_structure(poses))
+    assert [each.kind for each in blind] == [ScanKind.NO_FLOOR, ScanKind.NO_WALL]
 
 
 def plan_adjustment(world, n_associated, converged=True):
@@ -69,7 +70,7 @@ def plan_adjustment(world, n_associated, converged=True):
     )
 
 
-def warnings_of_alignment(world, **changes):
+def found_of_alignment(world, **changes):
     given = {
         "alignment": Alignment(np.eye(4), 0.9, None),
         "is_alignment_claimed": False,
@@ -81,53 +82,56 @@ def warnings_of_alignment(world, **changes):
         ),
         "is_place_sure": True,
     }
-    return alignment_warnings(**(given | changes))
+    return alignment_findings(**(given | changes))
 
 
 def test_a_good_alignment_gives_none(world):
-    assert warnings_of_alignment(world) == ()
-    assert warnings_of_alignment(world, alignment=None, is_alignment_claimed=True) == ()
-    assert warnings_of_alignment(world, checks=()) == ()
+    assert found_of_alignment(world) == ()
+    assert found_of_alignment(world, alignment=None, is_alignment_claimed=True) == ()
+    assert found_of_alignment(world, checks=()) == ()
 
 
 def test_warnings_about_the_alignment(world):
     few = Check("wall points near the plan", 0.1, MIN_NEAR_SHARE["masks"] - 0.01, "share", False)
     cases = {
-        "not aligned": {"alignment": None},
-        "so and so": {"alignment": Alignment(np.eye(4), 0.9, None, warnings=("so and so",))},
-        "lie near the plan": {"checks": (few,)},
-        "raise adjust.max-alternations": {
+        PlanKind.NOT_ALIGNED: {"alignment": None},
+        PlanKind.SINGLE_LINES: {"alignment": Alignment(np.eye(4), 0.9, None, findings=(LINES,))},
+        ResultKind.FEW_WALLS_NEAR_PLAN: {"checks": (few,)},
+        ResultKind.ROUNDS_RAN_OUT: {
             "plan_adjustment": plan_adjustment(world, len(world.structure.walls), converged=False)
         },
     }
-    for words, change in cases.items():
-        (warning,) = warnings_of_alignment(world, **change)
-        assert words in warning
+    for kind, change in cases.items():
+        (found,) = found_of_alignment(world, **change)
+        assert found.kind is kind
 
 
 def test_the_worst_torn_steps_are_named_and_the_others_counted(world):
     good = plan_adjustment(world, len(world.structure.walls))
     torn = tuple(TornStep((10 * k, 10 * k + 1), 0.49, 5.67, 5.2, 1.0, 250.0 - k) for k in range(5))
-    named = warnings_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn))
+    named = found_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn))
     assert len(named) == 4
-    assert "step from frame 0 to 1 was changed from 0.49 m as recorded to 5.67 m" in named[0]
-    assert "2 more steps" in named[3]
-    (only,) = warnings_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn[:1]))
+    assert named[0].frames == ((0, 1),)
+    assert (named[0].facts["recorded_m"], named[0].facts["solved_m"]) == (0.49, 5.67)
+    assert named[3].kind is ResultKind.MORE_STEPS_CHANGED
+    assert named[3].facts["step_count"] == 2
+    (only,) = found_of_alignment(world, plan_adjustment=replace(good, torn_steps=torn[:1]))
     assert only == named[0]
 
 
 def test_geometry_may_leave_more_wall_points_off_the_plan(world):
     few = Check("wall points near the plan", 0.1, 0.66, "share", False)
     by_geometry = replace(world.structure, back_end="geometry")
-    assert warnings_of_alignment(world, checks=(few,), structure=by_geometry) == ()
-    assert warnings_of_alignment(world, checks=(few,)) != ()
+    assert found_of_alignment(world, checks=(few,), structure=by_geometry) == ()
+    assert found_of_alignment(world, checks=(few,)) != ()
 
 
 def test_a_bent_scan_is_told_of_until_the_walls_have_pulled(world):
-    alignment = Alignment(np.eye(4), 0.9, None, warnings=("ambiguous", "bent"), bent=("bent",))
-    assert warnings_of_alignment(world, alignment=alignment) == ("ambiguous",)
-    unsure = warnings_of_alignment(world, alignment=alignment, is_place_sure=False)
-    assert unsure == ("ambiguous", "bent")
+    bent = Finding(PlanKind.SCAN_DEFORMED, {"deformation_m": 0.3, "extent_m": 20.0})
+    alignment = Alignment(np.eye(4), 0.9, None, findings=(LINES, bent))
+    assert found_of_alignment(world, alignment=alignment) == (LINES,)
+    unsure = found_of_alignment(world, alignment=alignment, is_place_sure=False)
+    assert unsure == (LINES, bent)
 
 
 def test_a_scan_without_colour_is_told_how_it_was_matched(world):
@@ -142,11 +146,8 @@ def test_a_scan_without_colour_is_told_how_it_was_matched(world):
         np.zeros((2, 6, 7)),
         np.ones(2),
     )
-    (told,) = warnings_of_scan(world, scan=bare, matches=none, surfaces=two)
-    assert (
-        "2 pairs of frames were matched by geometry alone, of which 1 leave a direction free"
-        in told
-    )
-    alone = " ".join(warnings_of_scan(world, scan=bare, matches=none))
-    assert "no two frames could be matched" in alone
-    assert "show the same surfaces" in alone
+    (told,) = found_of_scan(world, scan=bare, matches=none, surfaces=two)
+    assert told.parts[0].facts == {"pair_count": 2, "free_pair_count": 1}
+    _, alone = found_of_scan(world, scan=bare, matches=none)
+    assert alone.kind is ScanKind.NO_MATCHES
+    assert "show the same surfaces" in alone.advice

@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from finding_records import check_findings
 from planfit.cli import run
 from planfit.cli.run_record import cache_of
+from planfit.findings import SCHEMA_VERSION
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +33,13 @@ def test_the_alignment_is_written_with_a_picture_of_each_candidate(aligned: Path
         with Image.open(aligned / f"candidate_{i + 1}.png") as picture:
             assert picture.width > 400
             assert picture.height > 200
+
+
+def test_its_findings_are_as_their_page_has_them(aligned: Path) -> None:
+    record = json.loads((aligned / "alignment.json").read_text())
+    assert record["schema_version"] == SCHEMA_VERSION
+    assert len(record["findings"]) == len(record["warnings"])
+    check_findings(record["findings"])
 
 
 def test_what_it_says(aligned: Path, small_scan: Path, capsys) -> None:

@@ -13,9 +13,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 import planfit
+from finding_records import check_findings
 from planfit.cli import run
 from planfit.evaluation import position_errors
 from planfit.export.write import FILES
+from planfit.findings import SCHEMA_VERSION
 from planfit.scan import read_scan, read_tum, write_tum
 
 
@@ -98,6 +100,19 @@ def test_how_far_each_pose_may_be_off_is_written_and_said_alike(
     )
     assert np.mean(true_m < table[:, 6]) > 0.9
     assert predicted_m.max() < 0.06
+
+
+def test_findings_of_the_record_are_as_their_page_has_them(finished: Path) -> None:
+    record = json.loads((finished / "run.json").read_text())
+    assert record["schema_version"] == SCHEMA_VERSION
+    assert len(record["findings"]) == len(record["warnings"])
+    verdict = record["verdict"]
+    assert [each["words"] for each in verdict["findings"]] == verdict["reasons"]
+    reservations = [{**each} for each in verdict["reservations"]]
+    for each in reservations:
+        assert each.pop("walls") == [part["words"] for part in each["parts"]]
+    breaks = [each["finding"] for each in record["tracking"]["breaks"]]
+    check_findings([*record["findings"], *verdict["findings"], *reservations, *breaks])
 
 
 def test_the_record_and_the_report_tell_the_command(finished: Path) -> None:

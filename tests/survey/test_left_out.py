@@ -13,6 +13,7 @@ import planfit
 from builders import make_world
 from planfit.adjust import left_out
 from planfit.export.tables import survey_record, write_survey
+from planfit.findings import SurveyKind
 from planfit.report.html.certainty_section import disagreement_section
 from planfit.report.html.registration_section import survey_section
 from surveyed import observed, scan_at, survey_of
@@ -117,7 +118,7 @@ def test_swapped_ids_are_named_as_such(walk, apart):
     result = refined(walk, survey)
     told = {p.id: p.swapped_with for p in result.survey.points if p.swapped_with}
     assert told == {points[i].id: points[j].id, points[j].id: points[i].id}
-    assert sum("look swapped" in words for words in result.warnings) == 1
+    assert sum(each.kind is SurveyKind.POINTS_SWAPPED for each in result.findings) == 1
 
 
 def test_ids_swapped_within_what_drift_explains_are_named_too():
@@ -133,7 +134,7 @@ def test_ids_swapped_within_what_drift_explains_are_named_too():
     result = refined((world.floorplan, scan_at(recorded), seen, swapped), swapped)
     assert all(point.is_used for point in result.survey.points)
     assert {p.id for p in result.survey.points if p.swapped_with} == {"C0", "C1"}
-    assert sum("look swapped" in words for words in result.warnings) == 1
+    assert sum(each.kind is SurveyKind.POINTS_SWAPPED for each in result.findings) == 1
 
 
 def test_without_a_plan_points_hold_each_other(walk):

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planfit
 from builders import faces_plan, look, make_matches, make_structure, make_world, room_plan
 from planfit.errors import OptionError
+from planfit.findings import PlanKind, SurveyKind
 from planfit.geometry import se3
 from planfit.survey import Survey, SurveyPoint
 from surveyed import errors_m, observed, scan_at, survey_of
@@ -106,7 +107,7 @@ def test_check_points_have_no_influence(corridor, by_walls, by_control):
     wrong = centres + np.array([3.0, 0.5, 0.2])
     only_checked = refined(corridor, survey_of(wrong, [], range(3, N, 6)))
     assert_array_equal(only_checked.plan_from_cams, by_walls.plan_from_cams)
-    assert any("believe the check points" in warning for warning in only_checked.warnings)
+    assert any(each.kind is SurveyKind.CHECK_POINTS_OFF for each in only_checked.findings)
 
 
 def test_a_point_written_wrongly_is_named_and_does_not_bend_the_rest(corridor, by_control):
@@ -200,7 +201,7 @@ def test_a_room_that_fits_twice_is_placed_by_points(twin_ends, method):
         assert np.abs(errors_m(result, given[1])).max() < 0.01
         assert result.survey.check.worst_m < 0.01
         assert not any("place on the plan" in reason for reason in result.verdict.reasons)
-        is_said = any("fewer than three cannot tell" in words for words in result.warnings)
+        is_said = any(each.kind is SurveyKind.FEW_POINTS_SEEN for each in result.findings)
         assert is_said == (method == "two")
 
 
@@ -211,11 +212,12 @@ def test_points_of_another_datum_are_doubted_where_walls_clearly_fit_elsewhere(t
     survey = survey_of(world.plan_from_cams[:, :3, 3], [0, 4, 8], [2, 7])
     shifted = [replace(point, xyz=point.xyz + np.array([0.8, 0.0, 0.0])) for point in survey.points]
     result = refined(given, replace(survey, points=tuple(shifted)))
-    (warning,) = (words for words in result.warnings if "disagree with the walls" in words)
+    (found,) = (e for e in result.findings if e.kind is PlanKind.POINTS_AGAINST_WALLS)
+    warning = found.sentence
     assert "C0 (" in warning
     assert any("place on the plan" in reason for reason in result.verdict.reasons)
     right = refined(given, survey)
-    assert not any("disagree with the walls" in words for words in right.warnings)
+    assert not any(each.kind is PlanKind.POINTS_AGAINST_WALLS for each in right.findings)
 
 
 def test_without_points_the_walls_take_the_wrong_one_of_two_ways(twin_ends):

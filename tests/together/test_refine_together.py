@@ -9,6 +9,7 @@ import pytest
 import planfit
 from planfit.cli.main import main
 from planfit.errors import OptionError, ScanError
+from planfit.findings import SurveyKind
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import read_tum
@@ -104,7 +105,7 @@ def test_without_a_plan_they_stand_in_one_frame(first, second, runtime, tmp_path
     assert [each.placed_by for each in found.scans] == ["the first", None, "places seen in both"]
     assert not found.is_refined  # one has no place
     assert found.scans[1].result is None
-    assert any("another building has no place" in warning for warning in found.together.warnings)
+    assert any(each.kind is SurveyKind.SCAN_LEFT_OUT for each in found.together.findings)
     # Both at once: brought to the truth by one motion.
     true = np.concatenate([first.true_plan_from_cams, true_short])[:, :3, 3]
     poses = found.together.plan_from_cams[:, :3, 3]

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_walk import displaced, measure, tracked, walk
 
+from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking
@@ -152,15 +153,16 @@ def test_mending_and_adapting_can_be_switched_off(rng):
     assert judged(noisy, motions, adapt_sigmas=False).sigma_factors == (1.0, 1.0)
 
 
-def test_words_name_the_frame_and_both_motions(rng):
+def test_findings_have_the_frames_and_both_motions(rng):
     true = walk(rng)
     poses, motions = tracked(true, rng), measure(true, rng)
-    (said,) = judged(displaced(poses, 40, 79, 5.0, 60.0, rng), motions).warnings
-    assert "after frame 39" in said
-    assert "60 degrees" in said or "59 degrees" in said or "61 degrees" in said or "jumps" in said
-    assert said.endswith("corrected")
-    (said,) = judged(displaced(poses, 50, 52, 5.0, 60.0, rng), motions).warnings
-    assert said.startswith("frames 50-52 are recorded 5.")
+    (jump,) = judged(displaced(poses, 40, 79, 5.0, 60.0, rng), motions).findings
+    assert (jump.kind, jump.frames) == (PoseKind.JUMP_CORRECTED, ((39, 40),))
+    assert jump.facts["corrected_m"] < 0.5 < jump.facts["recorded_m"]
+    assert jump.facts["witness"] == "images"
+    (moved,) = judged(displaced(poses, 50, 52, 5.0, 60.0, rng), motions).findings
+    assert (moved.kind, moved.frames) == (PoseKind.FRAMES_DISPLACED, ((50, 52),))
+    assert moved.facts["displacement_m"] == pytest.approx(5.0, abs=1.0)
 
 
 def test_a_pose_that_stands_still_is_filled_by_what_the_images_say(rng):
@@ -175,7 +177,8 @@ def test_a_pose_that_stands_still_is_filled_by_what_the_images_say(rng):
     assert gap.max() < 0.4
     assert gap[:31].max() == 0.0
     assert gap[45:].max() < 1e-9  # the tracker knew again where it was
-    assert "stands still from frame 30 to 40" in found.reason
+    assert found.finding.kind is PoseKind.POSE_STANDS_STILL
+    assert found.finding.frames == ((30, 40),)
 
 
 def test_a_tracker_that_goes_on_from_its_frozen_pose_has_jumped(rng):

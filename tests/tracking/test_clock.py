@@ -6,6 +6,7 @@ from measured_walk import displaced, measure
 from numpy.testing import assert_allclose
 from scipy.interpolate import CubicSpline
 
+from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking
@@ -76,9 +77,8 @@ def test_the_offset_is_found_and_undone(late_s):
         for p in (tracking.world_from_cams, recorded(true, np.random.default_rng(1)))
     ]
     assert rms[0] < 1.25 * rms[1] + 0.005
-    which = "later" if late_s > 0 else "earlier"
-    size = f"{1000 * abs(clock.offset_s):.0f} ms"
-    assert f"images are {size} {which} than their poses: poses were read" in tracking.warnings[0]
+    assert tracking.findings[0].kind is PoseKind.CLOCK_CORRECTED
+    assert tracking.findings[0].facts["offset_s"] == clock.offset_s
     assert tracking.breaks == ()
 
 
@@ -103,7 +103,7 @@ def test_frames_without_times_have_an_offset_in_frames():
     tracking = judged(poses, motions, 4.0 * np.arange(len(poses)))
     assert tracking.clock.intervals == pytest.approx(1.5, abs=0.15)
     assert tracking.clock.offset_s is None
-    assert "images are 1.5 frames later than their poses" in tracking.warnings[0]
+    assert tracking.findings[0].facts["offset_s"] is None
 
 
 def test_poses_far_apart_are_not_read_but_the_offset_is_named(monkeypatch):
@@ -112,7 +112,7 @@ def test_poses_far_apart_are_not_read_but_the_offset_is_named(monkeypatch):
     tracking = judged(poses, motions, times)
     assert tracking.clock is not None
     assert not tracking.clock.is_read
-    assert "frames are too far apart to read poses between them" in tracking.warnings[0]
+    assert tracking.findings[0].kind is PoseKind.CLOCK_OFF
 
 
 def test_who_stands_still_tells_no_offset():

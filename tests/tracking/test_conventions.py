@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from planfit.errors import OptionError, ScanError
+from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, believe, judge_tracking
@@ -143,7 +144,7 @@ def test_a_unit_of_their_own_is_measured_used_and_said(walked, metres):
             for p in (tracking.recorded_world_from_cams, poses)
         )
         assert_allclose(steps.sum(), expected.sum(), rtol=0.03)
-        assert tracking.warnings[0].startswith("the recorded motion is not in metres")
+        assert tracking.findings[0].kind is PoseKind.POSES_IN_OWN_UNIT
         found = apply_convention(with_unit(poses, 1 / metres), tracking.convention)
         assert_allclose(found, tracking.recorded_world_from_cams)
 
@@ -199,7 +200,7 @@ def test_a_name_or_auto_applies_it(walked):
     for asked in ("camera_from_world", "auto"):
         tracking = judged(mistaken, motions, asked)
         assert_allclose(tracking.recorded_world_from_cams, poses, atol=1e-9)
-        assert "taken as camera_from_world" in tracking.warnings[0]
+        assert tracking.findings[0].facts == {"convention": "camera_from_world"}
     assert judged(poses, motions, "auto").convention == "recorded"
 
 
@@ -215,7 +216,7 @@ def test_poses_of_another_recording_are_not_explained(walked):
     poses, motions = walked
     other = walk(np.random.default_rng(99), len(poses))
     tracking = judged(other, motions, "recorded")
-    assert "no usual convention explains more" in tracking.warnings[0]
+    assert tracking.findings[0].kind is PoseKind.MOTIONS_UNEXPLAINED
 
 
 def test_a_convention_that_explains_no_more_than_the_poses_as_recorded_is_not_clear():

@@ -48,7 +48,7 @@ def test_one_of_the_hypotheses_is_the_walk_as_it_was(laps, rng):
     assert off_wrong[41:61].min() > 1.0  # and the frames between stand elsewhere
     assert right.times_usual < wrong.times_usual
     (told,) = right.tracking.breaks
-    assert "where the revisits and the plan show a step of" in told.reason
+    assert told.finding.facts["witness"] == "revisits and the plan"
     steps = right.tracking.odometry.cam_from_next
     np.testing.assert_allclose(
         steps[40],

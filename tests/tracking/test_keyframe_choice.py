@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from planfit.errors import OptionError
+from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.matching import spanned_steps
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -108,7 +109,8 @@ def judged(n, breaks=(), doubtful=()):
 
 
 def jump(first, last):
-    return TrackingBreak("jump", first, last, (1.0, 0.0), (0.0, 0.0), 3, "jumps")
+    jumped = Finding(PoseKind.REVISITS_CONTRADICT_MOTION, frames=((first, last),))
+    return TrackingBreak("jump", first, last, (1.0, 0.0), (0.0, 0.0), 3, jumped)
 
 
 KEYS = np.arange(0, 101, 10)

@@ -5,6 +5,7 @@ import pytest
 from measured_walk import measure, tracked, walk
 from test_breaks import judged
 
+from planfit.findings import PoseKind
 from planfit.geometry import se3
 
 
@@ -62,7 +63,8 @@ def test_gone_on_beyond_images_that_do_not_match(rng):
     assert 35 in tracking.doubtful_steps
     assert tracking.odometry.sigma_translation[35] >= 1.0
     assert errors_m(tracking.world_from_cams[36:], true[36:]).max() < 0.3
-    assert any("do not match after frame 35" in b.reason for b in tracking.breaks)
+    unmatched = [b.finding.facts["unmatched_after_frames"] for b in tracking.breaks]
+    assert (35,) in unmatched
 
 
 def test_frames_between_two_breaks_have_no_place(rng):
@@ -84,7 +86,8 @@ def test_identities_of_a_lost_tracker_are_no_poses(rng, first, last):
     tracking = judged(spoilt, measure(true, rng))
     (found,) = tracking.breaks
     assert (found.kind, found.first_frame, found.last_frame) == ("lost", first, last)
-    assert f"({last - first + 1} of 80)" in found.reason
+    assert found.finding.kind is PoseKind.POSES_LOST
+    assert found.finding.facts["lost_count"] == last - first + 1
     assert errors_m(tracking.world_from_cams, true).max() < 0.3
     # The world's axes are those of most of the walk, not of the identity.
     others = np.setdiff1d(np.arange(80), np.arange(first, last + 1))
@@ -133,8 +136,9 @@ def test_poses_that_never_change_are_said_to_say_nothing(rng):
     tracking = judged(np.repeat(poses[:1], 80, axis=0), measure(true, rng))
     assert tracking.breaks == ()
     assert tracking.doubt is not None
-    assert "poses of 79 of 80 frames repeat the one before" in tracking.doubt.what
-    assert tracking.doubt.words in tracking.warnings
+    assert tracking.doubt.kind is PoseKind.POSES_REPEAT
+    assert tracking.doubt.facts == {"repeated_count": 79, "frame_count": 80}
+    assert tracking.doubt in tracking.findings
     still = np.repeat(poses[:1], 80, axis=0)
     assert judged(still, measure(still, rng)).doubt is None
 

@@ -11,8 +11,7 @@ from planfit.adjust.keyframes import reduce_measurements as reduce_measurements
 from planfit.adjust.measurements import Kept as Kept
 from planfit.adjust.measurements import Measurements as Measurements
 from planfit.adjust.moved_walls import MovedWall as MovedWall
-from planfit.adjust.moved_walls import describe_moved as describe_moved
-from planfit.adjust.moved_walls import name_walls as name_walls
+from planfit.adjust.moved_walls import moved_wall_findings as moved_wall_findings
 from planfit.adjust.options import AdjustOptions as AdjustOptions
 from planfit.adjust.paper.descent import PaperWeights as PaperWeights
 from planfit.adjust.paper.preset import paper_options as paper_options

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
 from planfit.errors import require_positive
+from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.segmentation import WallPatches
@@ -145,21 +146,8 @@ def nearest_unexplained(
     return nearest, off
 
 
-def describe_moved(moved: tuple[MovedWall, ...], floorplan: Floorplan, max_named: int = 5) -> str:
-    """One sentence that names the walls: where they are drawn, how far they stand off and which way."""
-    walls = name_walls(moved, floorplan)
-    named = list(walls[:max_named])
-    if len(walls) > max_named:
-        named.append(f"and {len(walls) - max_named} more")
-    who = "1 wall stands" if len(walls) == 1 else f"{len(walls)} walls stand"
-    return (
-        f"{who} elsewhere than drawn: {'; '.join(named)}; poses were not held to "
-        f"{'it' if len(walls) == 1 else 'them'}, correct the plan there"
-    )
-
-
-def name_walls(moved: tuple[MovedWall, ...], floorplan: Floorplan) -> tuple[str, ...]:
-    """Each moved wall in words, in the order given: where it is drawn, how far it stands off and which way.
+def moved_wall_findings(moved: Sequence[MovedWall], floorplan: Floorplan) -> tuple[Finding, ...]:
+    """Each moved wall, in the order given: where it is drawn, how far it stands off and which way.
 
     Both faces of a wall, and faces that go on in its line, are one wall if they were moved alike; it is named
     by the face that most patches saw.
@@ -171,7 +159,9 @@ def name_walls(moved: tuple[MovedWall, ...], floorplan: Floorplan) -> tuple[str,
         groups.append([*(wall for group in own for wall in group), each])
     order = {each.face_idx: k for k, each in enumerate(moved)}
     groups.sort(key=lambda group: min(order[each.face_idx] for each in group))
-    return tuple(_name(max(group, key=lambda each: each.n_patches), floorplan) for group in groups)
+    return tuple(
+        _finding(max(group, key=lambda each: each.n_patches), floorplan) for group in groups
+    )
 
 
 def _is_one(first: MovedWall, second: MovedWall, floorplan: Floorplan) -> bool:
@@ -193,16 +183,9 @@ def is_one_wall(face: int, other: int, floorplan: Floorplan) -> bool:
     return bool(at[:, 0].max() - at[:, 1].min() < MAX_GAP_M)
 
 
-def _name(wall: MovedWall, floorplan: Floorplan) -> str:
-    (x1, y1), (x2, y2) = floorplan.ends[wall.face_idx]
-    towards = direction_words(floorplan.normals[wall.face_idx], wall.offset_m)
-    return f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(wall.offset_m):.2f} m {towards}"
-
-
-def direction_words(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:
-    """Which way a face is off, by the plan's axes: "towards +x"."""
-    towards = normal * np.sign(offset_m)
-    axis = int(np.argmax(np.abs(towards)))
-    if abs(towards[axis]) < 0.9:
-        return f"towards ({towards[0]:.2f}, {towards[1]:.2f})"
-    return f"towards {'+' if towards[axis] > 0 else '-'}{'xy'[axis]}"
+def _finding(wall: MovedWall, floorplan: Floorplan) -> Finding:
+    start, end = (tuple(xy.tolist()) for xy in floorplan.ends[wall.face_idx])
+    normal = tuple(floorplan.normals[wall.face_idx].tolist())
+    facts = {"from_xy_m": start, "to_xy_m": end, "normal": normal, "patch_count": wall.n_patches}
+    facts |= {"offset_m": wall.offset_m, "sigma_m": wall.sigma_m}
+    return Finding(ResultKind.WALL_MOVED, facts, faces=(wall.face_idx,))

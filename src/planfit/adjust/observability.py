@@ -14,16 +14,17 @@ from planfit.adjust.rigid_motion import (
     horizontal_covariance,
     rigid_information,
 )
+from planfit.findings import Finding, ResultKind
 from planfit.lsq.blocks import NormalBlocks
 
-MAX_SENTENCES = 4
+MAX_NAMED = 4
 """Without the odometry term a scan may fall into dozens of pieces."""
 
 
-def describe_observability(
+def observability_findings(
     problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> tuple[str, ...]:
-    """Sentences on frames and pieces of the scan that matches, floor and plan do not hold.
+) -> tuple[Finding, ...]:
+    """Frames and pieces of the scan that matches, floor and plan do not hold.
 
     Args:
         problem: with the correspondences of the solve's end.
@@ -41,33 +42,23 @@ def describe_observability(
     for part in parts:
         is_held[part.rows[np.abs(part.blocks).max(axis=(1, 2), initial=0.0) > 0]] = True
     has_odometry = problem.odometry is not None
-    sentences = []
+    found = []
     if not is_held.all():
-        by = (
-            "held by odometry alone"
-            if has_odometry
-            else "not held by anything and stay where they were"
-        )
-        names = _frame_names(np.flatnonzero(~is_held), measurements.frame_idx)
-        what = (
-            "no floor"
-            if problem.correspondences is None
-            else "neither floor nor a wall of the plan"
-        )
-        sentences.append(f"{names} {by}: they match no other frame and see {what}")
+        kind = ResultKind.HELD_BY_ODOMETRY if has_odometry else ResultKind.NOT_HELD
+        has_plan = problem.correspondences is not None
+        runs = _frame_runs(np.flatnonzero(~is_held), measurements.frame_idx)
+        found.append(Finding(kind, {"has_plan": has_plan}, runs))
     if problem.gauge is None:
         submaps = [np.arange(n)] if has_odometry or n == 1 else _submaps(links, n)
         for frames in submaps:
             covariance = horizontal_covariance(rigid_information(parts, plan_from_cams, frames))
-            who = _frame_names(frames, measurements.frame_idx).removesuffix(" are")
-            sentences += _free_motions(covariance, "the scan" if len(frames) == n else who)
-    if len(sentences) > MAX_SENTENCES:
-        more = len(sentences) - MAX_SENTENCES
-        sentences = [
-            *sentences[:MAX_SENTENCES],
-            f"{more} more pieces of the scan are held as weakly",
-        ]
-    return tuple(sentences)
+            is_whole = len(frames) == n
+            runs = () if is_whole else _frame_runs(frames, measurements.frame_idx)
+            found += _free_motions(covariance, runs)
+    if len(found) > MAX_NAMED:
+        more = Finding(ResultKind.MORE_HELD_WEAKLY, {"piece_count": len(found) - MAX_NAMED})
+        found = [*found[:MAX_NAMED], more]
+    return tuple(found)
 
 
 def _links(problem: AdjustmentProblem, parts: Sequence[NormalBlocks]) -> Int[np.ndarray, "p 2"]:
@@ -100,39 +91,34 @@ def _submaps(pairs: Int[np.ndarray, "p 2"], n: int) -> list[Int[np.ndarray, " k"
     return [np.sort(group) for group in groups if len(group) > 1]
 
 
-def _free_motions(covariance: Float[np.ndarray, "3 3"], who: str) -> list[str]:
-    """What the plan leaves free of a piece of the scan that moves as one, seen from above (x, y, yaw)."""
+def _free_motions(
+    covariance: Float[np.ndarray, "3 3"], runs: tuple[tuple[int, int], ...]
+) -> list[Finding]:
+    """What the plan leaves free of a piece of the scan that moves as one, seen from above (x, y, yaw).
+
+    `runs` are its frames; none where it is the whole scan.
+    """
     variances, axes = np.linalg.eigh(covariance[:2, :2])
     free = np.sqrt(variances) > FREE_TRANSLATION_M
     if free.all():
-        return [f"no wall of the plan holds {who}: its alignment follows the recorded one"]
-    sentences = []
+        return [Finding(ResultKind.NO_WALL_HOLDS, frames=runs)]
+    found = []
     if free[1]:
         # Of an axis and its opposite, the one whose larger entry is positive.
         x, y = axes[:, 1] * (1 if axes[np.argmax(np.abs(axes[:, 1])), 1] > 0 else -1)
-        sentences.append(
-            f"nothing holds {who} along the plan's direction ({x:.2f}, {y:.2f}): all walls that it "
-            "sees run that way, and it stays there where the alignment put it"
+        found.append(
+            Finding(ResultKind.NOTHING_HOLDS_ALONG, {"direction": (float(x), float(y))}, runs)
         )
     if np.rad2deg(np.sqrt(covariance[2, 2])) > FREE_YAW_DEG:
-        sentences.append(f"nothing holds the yaw of {who}: it keeps the one it had")
-    return sentences
+        found.append(Finding(ResultKind.NOTHING_HOLDS_YAW, frames=runs))
+    return found
 
 
-def _frame_names(
-    frames: Int[np.ndarray, " k"], frame_idx: Int[np.ndarray, " n"] | None, max_runs: int = 5
-) -> str:
-    """ "frame 3 is", "frames 3, 40-52 and 60-61 are": frames of the scan, runs of neighbours as one."""
+def _frame_runs(
+    frames: Int[np.ndarray, " k"], frame_idx: Int[np.ndarray, " n"] | None
+) -> tuple[tuple[int, int], ...]:
+    """Frames as runs of neighbours, first and last as numbered in the scan."""
     real = frames if frame_idx is None else frame_idx[frames]
     # Frames of a reduced scan that follow each other are a run, however far apart they were recorded.
     runs = np.split(np.arange(len(frames)), np.flatnonzero(np.diff(frames) > 1) + 1)
-    joined = frame_ranges([(int(real[run[0]]), int(real[run[-1]])) for run in runs], max_runs)
-    return f"frame {joined} is" if len(frames) == 1 else f"frames {joined} are"
-
-
-def frame_ranges(runs: Sequence[tuple[int, int]], max_runs: int = 5) -> str:
-    """ "3, 40-52 and 60-61": runs of frames by their first and last."""
-    names = [f"{first}" if first == last else f"{first}-{last}" for first, last in runs]
-    if len(names) > max_runs:
-        names = [*names[:max_runs], f"{len(names) - max_runs} more runs"]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+    return tuple((int(real[run[0]]), int(real[run[-1]])) for run in runs)

@@ -18,7 +18,7 @@ from planfit.adjust.competition import Rival, best_of_starts
 from planfit.adjust.contradicted_walls import Errors, without_contradicted_walls
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MovedWall
-from planfit.adjust.observability import describe_observability
+from planfit.adjust.observability import observability_findings
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.adjust.torn_steps import (
@@ -27,6 +27,7 @@ from planfit.adjust.torn_steps import (
     find_torn_steps,
     visits_that_tear,
 )
+from planfit.findings import Finding
 from planfit.floorplan import Floorplan
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
@@ -117,8 +118,8 @@ class PlanAdjustment:
     """Whether the last association did not change any more."""
     iterations: int
     """Rounds of reweighting, or steps of a descent, of all solves together."""
-    weakly_constrained: tuple[str, ...] = ()
-    """What nothing but the recorded motion, or nothing at all, holds: a sentence each."""
+    weakly_constrained: tuple[Finding, ...] = ()
+    """What nothing but the recorded motion, or nothing at all, holds."""
     moved_walls: tuple[MovedWall, ...] = ()
     """Faces that stand elsewhere than drawn, the furthest first; they do not hold the poses to the plan."""
     torn_steps: tuple[TornStep, ...] = ()
@@ -239,7 +240,7 @@ def _as_adjustment(task: PlanTask, end: Alternation, rivals: tuple[Rival, ...]) 
         end.rounds,
         end.converged,
         end.iterations,
-        describe_observability(found, plan_from_cams),
+        observability_findings(found, plan_from_cams),
         _moved_walls(end.correspondences, offsets_m, offset_sigmas_m),
         find_torn_steps(measurements, plan_from_cams, options.odometry),
         rivals,
@@ -284,5 +285,5 @@ def _adjust_alone(
         rounds=0,
         converged=True,
         iterations=solution.iterations,
-        weakly_constrained=describe_observability(problem, poses),
+        weakly_constrained=observability_findings(problem, poses),
     )

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.terms.odometry import OdometryTermOptions
+from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
 from planfit.matching.cycles import CycleConsistencyOptions, is_near
@@ -62,14 +63,10 @@ class DroppedVisit:
     step: TornStep
 
     @property
-    def sentence(self) -> str:
+    def finding(self) -> Finding:
         """For a user."""
-        one, other = (_frames(*stretch) for stretch in (self.first, self.second))
-        return (
-            f"{one} and {other} look alike but cannot be the same place: using them would change a "
-            f"recorded step of {self.step.recorded_m:.2f} m to {self.step.solved_m:.2f} m; "
-            "they were left out"
-        )
+        facts = {"recorded_m": self.step.recorded_m, "solved_m": self.step.solved_m}
+        return Finding(ScanKind.REVISIT_TEARS_STEP, facts, (self.first, self.second))
 
 
 def find_torn_steps(
@@ -263,7 +260,3 @@ def _described(
 
 def _frame_idx(measurements: Measurements, n: int) -> Int[np.ndarray, " n"]:
     return np.arange(n) if measurements.frame_idx is None else measurements.frame_idx
-
-
-def _frames(first: int, last: int) -> str:
-    return f"frame {first}" if first == last else f"frames {first}-{last}"

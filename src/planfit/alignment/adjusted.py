@@ -11,7 +11,7 @@ import numpy as np
 from planfit.alignment.align import FULL_SAMPLES, Alignment, OtherScale
 from planfit.alignment.evidence import NOTHING_JUDGED, PlanEvidence, plan_evidence
 from planfit.alignment.options import AlignOptions
-from planfit.alignment.plan_scale import LINES_WORDS, is_of_lines
+from planfit.alignment.plan_scale import is_of_lines
 from planfit.alignment.refine import (
     AlignmentHypothesis,
     RefineSteps,
@@ -20,6 +20,7 @@ from planfit.alignment.refine import (
 )
 from planfit.alignment.selection import MARGIN_WORTH, MIN_EVIDENCE, SameWithin, is_same
 from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.runtime import short_repr
@@ -55,8 +56,8 @@ class AdjustedAlignment:
     """Of the best alignment elsewhere, refined with the adjusted walls; 0 where there is none."""
     seen_through: float
     """Share of seen wall that a wall of the plan hides from the camera."""
-    doubt: str = ""
-    """Why this may be the wrong place, in words; empty where it is surely the right one."""
+    doubt: Finding | None = None
+    """Why this may be the wrong place; None where it is surely the right one."""
     other_scale: OtherScale | None = None
     """At which a plan in metres would fit clearly better than as drawn, as it was taken."""
     evidence: PlanEvidence = NOTHING_JUDGED
@@ -98,14 +99,17 @@ def judge_adjusted(
         evidence=plan_evidence(walls, floorplan, here),
     )
     if alignment.is_plan_rescaled and is_of_lines(floorplan):
-        return replace(judged, doubt=f"the place is {LINES_WORDS}")
+        return replace(judged, doubt=Finding(PlanKind.ADJUSTED_SINGLE_LINES))
     return replace(judged, doubt=_doubt(judged, alignment, options))
 
 
-def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOptions) -> str:
+def _doubt(
+    judged: AdjustedAlignment, alignment: Alignment, options: AlignOptions
+) -> Finding | None:
     score, elsewhere = judged.score, judged.runner_up_score
+    both = {"wall_share": score, "other_wall_share": elsewhere}
     if alignment.is_mirrored:
-        return "the scan fits the plan better with left and right swapped"
+        return Finding(PlanKind.ADJUSTED_MIRRORED)
     is_pinned = bool(options.control_points) or alignment.is_surveyed
     is_given = alignment.is_as_recorded or options.candidate > 1 or is_pinned
     # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
@@ -113,36 +117,21 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
     is_beaten = elsewhere > (score + TIE if score >= TIE_SCORE else score)
     is_close = is_beaten or not (is_given or score - elsewhere >= options.min_margin)
     if is_close and score >= WEAK_SCORE:
-        return (
-            f"the adjusted walls fit the plan elsewhere almost as well ({score:.0%} of the wall here, "
-            f"{elsewhere:.0%} there)"
-        )
+        return Finding(PlanKind.ADJUSTED_FITS_ELSEWHERE, both)
     is_clear = score >= (GIVEN_RATIO if is_given else CLEAR_RATIO) * elsewhere
     is_open = is_given and judged.seen_through <= SEEN_THROUGH
     worth = score + MARGIN_WORTH * (score - elsewhere)
     if alignment.is_plan_rescaled and worth < RESCALED_EVIDENCE and score < RESCALED_SCORE:
-        return (
-            f"at another scale than the plan is drawn at, {score:.0%} of the adjusted wall lies on it, and "
-            f"{elsewhere:.0%} elsewhere, which the plan of another building may give as well"
-        )
+        return Finding(PlanKind.ADJUSTED_AT_OTHER_SCALE, both)
     if score >= options.min_score and worth < MIN_EVIDENCE and not (is_given or is_clear):
-        return (
-            f"{score:.0%} of the adjusted wall lies on the plan here and {elsewhere:.0%} elsewhere, which "
-            "the plan of another building may give as well"
-        )
+        return Finding(PlanKind.ADJUSTED_LITTLE_MARGIN, both)
     if score < options.min_score and not (score >= WEAK_SCORE and (is_clear or is_open)):
-        return (
-            f"only {score:.0%} of the adjusted wall lies on the plan, which may be of another place, storey "
-            "or time"
-        )
+        return Finding(PlanKind.ADJUSTED_LITTLE_WALL, {"wall_share": score})
     evidence = judged.evidence
     if evidence.is_seen_through and score < OTHER_PLACE_SCORE and not alignment.is_surveyed:
-        return (
-            f"only {score:.0%} of the adjusted wall lies on the plan, and the camera saw through "
-            f"{evidence.seen_through_share:.0%} of the plan's wall where it looked: it seems to be of "
-            "another place or storey"
-        )
-    return ""
+        facts = {"wall_share": score, "seen_through_share": evidence.seen_through_share}
+        return Finding(PlanKind.ADJUSTED_SEEN_THROUGH, facts)
+    return None
 
 
 def _relative(candidate: AlignmentHypothesis, alignment: Alignment) -> AlignmentHypothesis:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from planfit.alignment.candidates import candidate_yaws, scale_range
 from planfit.alignment.control_points import ControlPoint, fit_control_points, parse_start
-from planfit.alignment.evidence import PlanEvidence, evidence_words, plan_evidence, with_way
+from planfit.alignment.evidence import PlanEvidence, evidence_findings, plan_evidence, with_way
 from planfit.alignment.nonrigid import refine_nonrigid
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import (
@@ -39,6 +39,7 @@ from planfit.alignment.selection import (
 )
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.findings import Finding, PlanKind, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry.se3 import wrap_angle
 from planfit.runtime import short_repr
@@ -96,12 +97,8 @@ class Alignment:
     """Whether it agrees with the alignment that the scan's format claims."""
     is_sure: bool = True
     """Whether enough wall lies on the plan, and clearly more than anywhere else."""
-    warnings: tuple[str, ...] = ()
-    """What a user should know, in words."""
-    bent: tuple[str, ...] = ()
-    """Those of the warnings that a deformed scan gives rise to: the adjustment may mend it."""
-    ambiguous: tuple[str, ...] = ()
-    """Those of the warnings that say that walls leave the place open: known points may settle it."""
+    findings: tuple[Finding, ...] = ()
+    """What a user should know."""
     scale_xy: tuple[float, float] = (1.0, 1.0)
     """Metres of one unit of the plan, along its x and its y: for a plan in metres 1, or what its coordinates
     are to be multiplied by where it is off in scale."""
@@ -123,6 +120,19 @@ class Alignment:
     """Whether surveyed points say that the scan is here: other places that fit as well are no rivals then."""
 
     __repr__ = short_repr
+
+    @property
+    def all_findings(self) -> tuple[Finding, ...]:
+        """The findings, and the scale where that of the plan was off."""
+        if not self.is_plan_rescaled:
+            return self.findings
+        facts = {"scale_ratio": self.metres_per_unit, "sigma_share": self.scale_sigma}
+        return (*self.findings, Finding(PlanKind.PLAN_RESCALED, facts))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user should know, in words."""
+        return sentences_of(self.findings)
 
     @property
     def is_plan_doubted(self) -> bool:
@@ -277,16 +287,14 @@ def require_walls(walls: WallSamples, floorplan: Floorplan) -> None:
 def _alignment(selection: Selection, walls: WallSamples, floorplan: Floorplan) -> Alignment:
     taken = selection.taken
     evidence = plan_evidence(walls, floorplan, taken)
-    against, besides = evidence_words(evidence)
+    against, besides = evidence_findings(evidence)
     return Alignment(
         plan_from_level=taken.plan_from_level,
         score=taken.score,
         runner_up=selection.runner_up,
         is_as_recorded=selection.is_as_recorded,
         is_sure=selection.is_sure and not against,
-        warnings=(*selection.warnings, *against, *besides),
-        bent=selection.bent,
-        ambiguous=selection.ambiguous,
+        findings=(*selection.findings, *against, *besides),
         scale_xy=taken.scale_xy,
         covariance=taken.covariance,
         candidates=selection.candidates,

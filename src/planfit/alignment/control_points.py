@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import OptionError
+from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
 
 
@@ -167,12 +168,13 @@ def _disagreement_words(
         off_m.append(float(own) if agree else np.nan)
     told = [k for k in numbers if off_m[k] > tolerance_m]
     hint = disagreement_hint(control_points, metres_per_unit, tolerance_m)
-    if len(told) == 1 and not hint:
+    if len(told) == 1 and hint is None:
         (k,) = told
         found, whose = f"number {k + 1} {off_m[k]:.2f} m from where the others put it", "its"
     else:
         largest_m = _largest_off_m(control_points, metres_per_unit)
-        found, whose = f"{len(off_m)} that are off by up to {largest_m:.2f} m{hint}", "their"
+        found, whose = f"{len(off_m)} that are off by up to {largest_m:.2f} m", "their"
+        found += "" if hint is None else f"; {hint.sentence}"
     return f"{found}; check {whose} points, which axis goes up, and that the plan is not mirrored"
 
 
@@ -197,20 +199,20 @@ def worst_control_point(
 
 def disagreement_hint(
     control_points: Sequence[ControlPoint], metres_per_unit: float | None, tolerance_m: float
-) -> str:
-    """What would make points agree that do not, as words to append: a mirrored plan, another scale."""
+) -> Finding | None:
+    """What would make points agree that do not: a mirrored plan, another scale."""
     if len(control_points) == 2:
         a, b = control_points
         scan_m = float(np.linalg.norm(a.level_xy - b.level_xy))
         on_plan_m = float(np.linalg.norm(a.plan_xy - b.plan_xy)) * (metres_per_unit or 1.0)
-        return f"; the two are {scan_m:.2f} m apart in the scan and {on_plan_m:.2f} m on the plan"
+        return Finding(SurveyKind.TWO_POINTS_APART, {"scan_m": scan_m, "plan_m": on_plan_m})
     mirrored = [ControlPoint(p.level_xy * (1.0, -1.0), p.plan_xy) for p in control_points]
     if _largest_off_m(mirrored, metres_per_unit) <= tolerance_m:
-        return "; with left and right swapped they agree: is the plan mirrored?"
+        return Finding(SurveyKind.POINTS_AGREE_MIRRORED)
     if metres_per_unit is not None and _largest_off_m(control_points, None) <= tolerance_m:
         scale = fit_control_points(control_points, None, np.inf)[2] / metres_per_unit
-        return f"; with the plan {scale:.3g} times as large they agree: is its unit right?"
-    return ""
+        return Finding(SurveyKind.POINTS_AGREE_SCALED, {"scale_ratio": scale})
+    return None
 
 
 def _largest_off_m(control_points: Sequence[ControlPoint], metres_per_unit: float | None) -> float:

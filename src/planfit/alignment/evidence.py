@@ -15,6 +15,7 @@ from planfit.alignment.refine import (
 from planfit.alignment.search import free_space
 from planfit.alignment.visibility import crosses_face
 from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import segments
@@ -132,23 +133,17 @@ def with_way(
     return replace(hypothesis, score=hypothesis.score * factor)
 
 
-def evidence_words(evidence: PlanEvidence) -> tuple[list[str], list[str]]:
-    """What speaks against the alignment, and what a user should know besides; a sentence each."""
+def evidence_findings(evidence: PlanEvidence) -> tuple[list[Finding], list[Finding]]:
+    """What speaks against the alignment, and what a user should know besides."""
     against, besides = [], []
     if evidence.is_seen_through:
-        against.append(
-            f"weak: the camera saw through {evidence.seen_through_share:.0%} of the plan's wall where it "
-            f"looked ({evidence.judged_m:.0f} m); is it the plan of this building and storey?"
-        )
-    offset_m = evidence.line_offset_m
-    if offset_m > 0:
-        is_much = offset_m > MAX_OFFSET_M
-        words = (
-            f"scanned walls stand {offset_m:.2f} m in front of the plan's lines, on either side: they seem "
-            f"to be drawn by the centre lines of walls {2 * offset_m:.2f} m thick; positions are pulled by "
-            "up to that half thickness, and a plan with both faces of each wall gives better ones"
-        )
-        (against if is_much else besides).append(f"weak: {words}" if is_much else words)
+        facts = {"seen_through_share": evidence.seen_through_share, "judged_m": evidence.judged_m}
+        against.append(Finding(PlanKind.PLAN_SEEN_THROUGH, facts))
+    facts = {"offset_m": evidence.line_offset_m}
+    if evidence.line_offset_m > MAX_OFFSET_M:
+        against.append(Finding(PlanKind.CENTRE_LINES_OF_THICK_WALLS, facts))
+    elif evidence.line_offset_m > 0:
+        besides.append(Finding(PlanKind.CENTRE_LINES, facts))
     return against, besides
 
 

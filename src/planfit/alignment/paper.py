@@ -17,6 +17,7 @@ from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, explained, metric_plan, rotation_2d
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import ScanError
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 
 FLOOR_BIN_M, FLOOR_CLEAR_M = 0.05, 0.2
@@ -70,7 +71,7 @@ def align_paper(
     of_plan = _plan_direction(floorplan)
     tried = [_try_yaw(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
     tried.sort(key=lambda each: each.distance_m)
-    warnings = _broken_assumptions(tried, boundary, floorplan, share)
+    findings = _broken_assumptions(tried, boundary, floorplan, share)
     samples, weights = thin(walls, 2500)
     hypotheses = []
     for each in tried:
@@ -78,16 +79,14 @@ def align_paper(
         hypotheses.append(replace(each.hypothesis, score=score, occluded_share=occluded_share))
     best = hypotheses[0]
     if best.score < options.min_score:
-        warnings.append(
-            f"only {best.score:.0%} of the scanned wall lies on the plan's faces (at least "
-            f"{options.min_score:.0%} expected) where the paper's method puts it"
-        )
+        shares = {"wall_share": best.score, "min_wall_share": options.min_score}
+        findings.append(Finding(PlanKind.LITTLE_WALL_BY_PAPER, shares))
     return Alignment(
         best.plan_from_level,
         best.score,
         hypotheses[1],
-        is_sure=not warnings,
-        warnings=tuple(warnings),
+        is_sure=not findings,
+        findings=tuple(findings),
         scale_xy=best.scale_xy,
         candidates=tuple(hypotheses),
     )
@@ -179,26 +178,19 @@ def _broken_assumptions(
     boundary: Float[np.ndarray, "n 3"],
     floorplan: Floorplan,
     share: float,
-) -> list[str]:
-    """What the paper takes for granted and does not hold here, in words."""
-    words = []
+) -> list[Finding]:
+    """What the paper takes for granted and does not hold here."""
+    found = []
     best = tried[0].hypothesis
     xy = boundary[:, :2] @ rotation_2d(best.yaw).T
     ratio = np.ptp(xy, axis=0) / np.maximum(floorplan.size, 1e-12)
     expected = 1.0 if floorplan.is_metric else float(np.sqrt(ratio.prod()))
     if np.abs(np.log(ratio / expected)).max() > MAX_RATIO_GAP:
-        words.append(
-            "the paper's method needs a scan of the whole plan and of nothing else, but the extents of "
-            f"scan and plan have the ratios {ratio[0]:.3g} and {ratio[1]:.3g} along the plan's axes"
-        )
+        ratios = {"x_ratio": float(ratio[0]), "y_ratio": float(ratio[1])}
+        found.append(Finding(PlanKind.EXTENTS_DIFFER, ratios))
     if share < MIN_ORTHOGONAL_SHARE:
-        words.append(
-            f"the paper's method needs walls at right angles, but only {share:.0%} of the scan's normals "
-            "are near two orthogonal directions"
-        )
+        found.append(Finding(PlanKind.FEW_RIGHT_ANGLES, {"orthogonal_share": share}))
     if tried[1].distance_m < 1.1 * tried[0].distance_m:
-        words.append(
-            "the paper's method takes the nearest of four rotations, but two are alike: mean distances "
-            f"{tried[0].distance_m:.2f} and {tried[1].distance_m:.2f} m"
-        )
-    return words
+        both = {"distance_m": tried[0].distance_m, "other_distance_m": tried[1].distance_m}
+        found.append(Finding(PlanKind.ROTATIONS_ALIKE, both))
+    return found

@@ -23,6 +23,7 @@ from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, RefineSteps, refine_hypothesis
 from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 
@@ -48,11 +49,6 @@ SAME_SCORE = 0.03
 """Another scale must explain this much more wall than centre lines of walls do."""
 HALF_THICKNESS_M = (0.04, 0.07, 0.1, 0.15)
 """Of walls that may be drawn by their centre lines."""
-LINES_WORDS = (
-    "weak: the plan shows walls as single lines, so that its scale and the thickness of walls cannot be told "
-    "apart; give a plan with both faces of each wall"
-)
-
 METRES_PER_UNIT = {
     "millimetres": 0.001,
     "centimetres": 0.01,
@@ -112,7 +108,7 @@ def find_plan_scale(
         return found
     if found.score < score_of_centre_lines(walls, floorplan, drawn) + SAME_SCORE:
         return None
-    return replace(found, is_sure=False, warnings=(*found.warnings, LINES_WORDS))
+    return replace(found, is_sure=False, findings=(*found.findings, Finding(PlanKind.SINGLE_LINES)))
 
 
 def may_be_rescaled(options: AlignOptions, metres_per_unit: float = 1.0) -> bool:
@@ -139,46 +135,12 @@ def is_clearly_likelier(cost_gain: float) -> bool:
     return bool(cost_gain > 2.0 * np.log(CLEAR_ODDS))
 
 
-def told_of(alignment: Alignment) -> tuple[str, ...]:
-    """What a user should know of an alignment: its warnings, and the scale where that of the plan was off."""
-    if not alignment.is_plan_rescaled:
-        return alignment.warnings
-    return (*alignment.warnings, scale_words(alignment))
-
-
-def scale_words(scaled: Alignment) -> str:
-    """What a user should know of a metric plan that was taken at another scale."""
-    factor = scaled.metres_per_unit
-    way = "small" if factor > 1 else "large"
-    return (
-        f"the plan is drawn {_off_share(factor):.1%} too {way}: its coordinates were multiplied by "
-        f"{factor:.4f} (within {scaled.scale_sigma:.1%}), so that lengths are the scan's; "
-        f"{_same_look(factor)}: compare a length that you know, and where the plan is right, run again with "
-        "--align.metric-scale-tolerance 0"
-    )
-
-
-OTHER_SCALE_ADVICE = (
-    "compare a length that you know; where the plan is off, run again with "
-    f"--align.metric-scale-tolerance {LOOK_WITHIN:g}, which takes that scale"
-)
-
-
-def other_scale_words(other: OtherScale) -> str:
-    """What a user should know of a metric plan that was taken as drawn and fits better at another scale."""
-    return (
-        f"the plan would fit at {other.metres_per_unit:.4f} times its size (within {other.sigma:.1%}): was "
-        f"it printed, traced or shrunk? It was taken as drawn; {_same_look(other.metres_per_unit)}"
-    )
-
-
-def _same_look(factor: float) -> str:
-    way = "long" if factor > 1 else "short"
-    return f"a scan whose depth and motion are {_off_share(factor):.1%} too {way} looks the same"
-
-
-def _off_share(factor: float) -> float:
-    return abs(1.0 / factor - 1.0)
+def other_scale_finding(other: OtherScale) -> Finding:
+    """A plan in metres that was taken as drawn and fits better at another scale."""
+    # Costs are sums of squared sigmas: twice a negative log likelihood.
+    facts = {"scale_ratio": other.metres_per_unit, "sigma_share": other.sigma}
+    facts |= {"log_odds": other.cost_gain / 2.0, "tolerance_share": LOOK_WITHIN}
+    return Finding(PlanKind.OTHER_SCALE, facts)
 
 
 def find_unit(

@@ -10,6 +10,7 @@ from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, differences
 from planfit.alignment.wall_samples import WallSamples
 from planfit.errors import OptionError
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 
 MAX_CANDIDATES = 4
@@ -26,6 +27,20 @@ DEFORMATION_SHARE = 0.005
 MIN_SEGMENT_SCORE = 0.35
 """A fifth of the walk that the plan explains less of leaves the alignment weak: half of what right alignments
 of undeformed scans have."""
+
+MENDED_BY_WALLS = frozenset(
+    (
+        PlanKind.LITTLE_WALL_ON_PLAN,
+        PlanKind.PARTS_DISAGREE,
+        PlanKind.PART_OFF_PLAN,
+        PlanKind.SCAN_DEFORMED,
+    )
+)
+"""What a deformed scan gives rise to: the adjustment may mend it."""
+SETTLED_BY_POINTS = frozenset(
+    (PlanKind.AMBIGUOUS_PLACE, PlanKind.DIRECTION_OPEN, PlanKind.SCALE_OPEN)
+)
+"""What says that walls leave the place open: known points may settle it."""
 
 MARGIN_WORTH, MIN_EVIDENCE = 2.0, 0.9
 """Score, and margin times the first, must add up to the second: what fits little must stand out more. Wrong
@@ -64,11 +79,7 @@ class Selection:
     is_as_recorded: bool
     is_mirrored: bool
     is_sure: bool
-    warnings: tuple[str, ...]
-    bent: tuple[str, ...] = ()
-    """See `Alignment.bent`."""
-    ambiguous: tuple[str, ...] = ()
-    """See `Alignment.ambiguous`."""
+    findings: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)
@@ -146,7 +157,7 @@ def select_hypothesis(
         hypotheses: at least one, best first.
         recorded: what the scan's format claims, if it does.
         mirrored: best alignment of the scan with left and right swapped, if that was tried.
-        floorplan: for what the words say of it.
+        floorplan: for what is said of it.
         options: see there.
 
     Raises:
@@ -167,36 +178,42 @@ def select_hypothesis(
     is_outdone = margin < -options.min_margin and options.candidate > 1
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
     is_thin = _is_thin(taken.score, margin) and not is_as_recorded and options.candidate == 1
-    warnings: list[str] = []
-    bent: tuple[str, ...] = ()
+    found: list[Finding] = []
     if recorded is not None and options.candidate == 1 and not is_as_recorded:
-        warnings.append(_not_as_recorded_words(taken, recorded, walls))
+        apart_m, apart_deg = apart(taken, recorded, walls)
+        found.append(
+            Finding(PlanKind.NOT_AS_RECORDED, {"apart_m": apart_m, "apart_deg": apart_deg})
+        )
     if is_mirrored and mirrored is not None:
-        warnings.append(_mirrored_words(as_drawn, mirrored, floorplan))
-    elif is_weak:
-        bent = (_weak_words(taken, floorplan, options),)
+        facts = {"mirrored_wall_share": mirrored.score, "wall_share": as_drawn}
+        facts |= {"was_mirrored": floorplan.source.is_mirrored}
+        found.append(Finding(PlanKind.PLAN_MIRRORED, facts))
+    elif is_weak and not (is_outdone and as_drawn >= options.min_score):
         # That another place fits better says enough: the plan is that of the building.
-        warnings.extend(() if is_outdone and as_drawn >= options.min_score else bent)
-    ambiguous: tuple[str, ...] = tuple(_open_words(taken))
-    is_open = bool(ambiguous)
+        facts = {"wall_share": taken.score, "min_wall_share": options.min_score}
+        facts |= {"is_plan_metric": floorplan.is_metric}
+        found.append(Finding(PlanKind.LITTLE_WALL_ON_PLAN, facts))
+    left_open = _left_open(taken)
     if runner_up is not None and is_close and not is_mirrored:
-        close = _close_words(taken, runner_up, walls, is_as_recorded, is_ambiguous, is_outdone)
-        if is_ambiguous:
-            ambiguous = (close, *ambiguous)
-        else:
-            warnings.append(close)
+        kind = PlanKind.OTHER_PLACE_THAN_ASKED
+        if is_outdone:
+            kind = PlanKind.OTHER_PLACE_BETTER
+        elif is_as_recorded:
+            kind = PlanKind.OTHER_PLACE_THAN_RECORDED
+        elif is_ambiguous:
+            kind = PlanKind.AMBIGUOUS_PLACE
+        found.append(Finding(kind, _rival_facts(taken, runner_up, walls)))
     elif runner_up is not None and is_thin and not (is_mirrored or is_weak):
-        warnings.append(_thin_words(taken, runner_up))
+        shares = {"wall_share": taken.score, "other_wall_share": runner_up.score}
+        found.append(Finding(PlanKind.LITTLE_MARGIN, shares))
     return Selection(
         taken,
         runner_up,
         candidates,
         is_as_recorded,
         is_mirrored,
-        is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or is_open),
-        warnings=(*warnings, *ambiguous),
-        bent=bent,
-        ambiguous=ambiguous,
+        is_sure=not (is_weak or is_ambiguous or is_thin or is_mirrored or left_open),
+        findings=(*found, *left_open),
     )
 
 
@@ -209,31 +226,24 @@ def with_segments(
     taken = replace(taken, covariance=covariance if larger else taken.covariance)
     yaw, x, y, scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     yaw_deg, translation_m = np.rad2deg(yaw), float(np.hypot(x, y))
-    words = []
+    found = []
     if yaw_deg > DISAGREEMENT_DEG or translation_m > DISAGREEMENT_M or scale > DISAGREEMENT_SCALE:
-        words.append(
-            f"weak: parts of the scan fit the plan at alignments that differ by {yaw_deg:.1f} deg, "
-            f"{translation_m:.2f} m and {scale:.1%} of scale; the scan is deformed, or shows too little wall"
-        )
+        facts = {"sigma_yaw_deg": float(yaw_deg), "sigma_m": translation_m}
+        found.append(Finding(PlanKind.PARTS_DISAGREE, facts | {"sigma_scale_share": float(scale)}))
     if len(scores) and scores.min() < MIN_SEGMENT_SCORE and not selection.is_mirrored:
         k, n = int(np.argmin(scores)), len(scores)
-        words.append(
-            f"weak: of the walk from {k / n:.0%} to {(k + 1) / n:.0%} only {scores[k]:.0%} of the wall "
-            "lies on the plan; the scan is deformed there, or the plan shows other walls"
-        )
-    if agreement.deformation_m > DEFORMATION_SHARE * agreement.extent_m and not words:
-        words.append(
-            f"weak: the walls fit the plan only when the scan is deformed by {agreement.deformation_m:.2f} m "
-            f"over {agreement.extent_m:.0f} m; drift is left that no loop has closed"
-        )
+        facts = {"from_share": k / n, "to_share": (k + 1) / n, "wall_share": float(scores[k])}
+        found.append(Finding(PlanKind.PART_OFF_PLAN, facts))
+    if agreement.deformation_m > DEFORMATION_SHARE * agreement.extent_m and not found:
+        facts = {"deformation_m": agreement.deformation_m, "extent_m": agreement.extent_m}
+        found.append(Finding(PlanKind.SCAN_DEFORMED, facts))
     candidates = tuple(taken if each is selection.taken else each for each in selection.candidates)
     return replace(
         selection,
         taken=taken,
         candidates=candidates,
-        is_sure=selection.is_sure and not words,
-        warnings=(*selection.warnings, *words),
-        bent=(*selection.bent, *words),
+        is_sure=selection.is_sure and not found,
+        findings=(*selection.findings, *found),
     )
 
 
@@ -261,59 +271,18 @@ def _taken(
     return best, False
 
 
-def _not_as_recorded_words(
-    taken: AlignmentHypothesis, recorded: AlignmentHypothesis, walls: WallSamples
-) -> str:
-    translation_m, yaw_deg = apart(taken, recorded, walls)
-    return (
-        "the scan's format says its poses are in the plan's axes, but the walls fit "
-        f"{translation_m:.1f} m and {yaw_deg:.0f} deg away from there; that alignment was taken"
-    )
-
-
-def _mirrored_words(as_drawn: float, mirrored: AlignmentHypothesis, floorplan: Floorplan) -> str:
-    flag = "without --mirror" if floorplan.source.is_mirrored else "with --mirror"
-    return (
-        f"the plan is mirrored: {mirrored.score:.0%} of the scanned wall fits it with left and "
-        f"right swapped, {as_drawn:.0%} as drawn; run again {flag}"
-    )
-
-
-def _weak_words(taken: AlignmentHypothesis, floorplan: Floorplan, options: AlignOptions) -> str:
-    unit = ", in metres" if floorplan.is_metric else ""
-    return (
-        f"only {taken.score:.0%} of the scanned wall lies on the plan's faces (at least "
-        f"{options.min_score:.0%} expected); is it the plan of this building{unit}?"
-    )
-
-
-def _close_words(
-    taken: AlignmentHypothesis,
-    other: AlignmentHypothesis,
-    walls: WallSamples,
-    is_as_recorded: bool,
-    is_ambiguous: bool,
-    is_outdone: bool,
-) -> str:
-    scale = ""
-    if abs(np.log(taken.metres_per_unit / other.metres_per_unit)) > 1e-9:
-        scale = f", scales {taken.metres_per_unit:.4g} and {other.metres_per_unit:.4g} m a unit"
-    translation_m, yaw_deg = apart(taken, other, walls)
-    where = f"{translation_m:.1f} m and {yaw_deg:.0f} deg apart{scale}"
-    if is_outdone:
-        return (
-            f"another alignment fits the plan better ({other.score:.0%} of the wall, {taken.score:.0%} "
-            f"here), {where}; the one asked for was taken"
-        )
-    words = (
-        f"two alignments fit the plan almost equally well ({taken.score:.0%} and {other.score:.0%} "
-        f"of the wall), {where}"
-    )
-    if is_as_recorded:
-        return f"{words}; the one that the scan's format records was taken"
-    if is_ambiguous:
-        return f"ambiguous: {words}; choose the other one with --align.candidate 2, or give control points"
-    return f"{words}; the one asked for was taken"
+def _rival_facts(
+    taken: AlignmentHypothesis, other: AlignmentHypothesis, walls: WallSamples
+) -> dict[str, float]:
+    apart_m, apart_deg = apart(taken, other, walls)
+    return {
+        "wall_share": taken.score,
+        "other_wall_share": other.score,
+        "apart_m": apart_m,
+        "apart_deg": apart_deg,
+        "metres_per_unit": taken.metres_per_unit,
+        "other_metres_per_unit": other.metres_per_unit,
+    }
 
 
 def outweighs(score: float, other_score: float, options: AlignOptions) -> bool:
@@ -336,22 +305,12 @@ def _is_thin(score: float, margin: float) -> bool:
     return score + MARGIN_WORTH * margin < MIN_EVIDENCE
 
 
-def _thin_words(taken: AlignmentHypothesis, other: AlignmentHypothesis) -> str:
-    return (
-        f"weak: {taken.score:.0%} of the scanned wall fits here and {other.score:.0%} elsewhere, which the "
-        "plan of another building may give as well; look at the overlay, scan more walls, or give control "
-        "points"
-    )
-
-
-def _open_words(taken: AlignmentHypothesis) -> list[str]:
+def _left_open(taken: AlignmentHypothesis) -> list[Finding]:
     """Where walls leave a direction or the scale open: a bare corridor, walls of one direction."""
     sigma_m = float(np.sqrt(max(np.linalg.eigvalsh(taken.covariance[1:3, 1:3])[-1], 0.0)))
     if sigma_m > OPEN_M:
-        return [
-            "ambiguous: the walls leave the alignment open along one direction, as in a corridor whose "
-            "ends were not seen; scan an end of it, or give control points"
-        ]
-    if taken.covariance[3, 3] > 0.05**2:
-        return ["ambiguous: the walls leave the scale open; give it, or two control points"]
+        return [Finding(PlanKind.DIRECTION_OPEN, {"sigma_m": sigma_m})]
+    variance = float(taken.covariance[3, 3])
+    if variance > 0.05**2:
+        return [Finding(PlanKind.SCALE_OPEN, {"sigma_share": float(np.sqrt(variance))})]
     return []

@@ -22,6 +22,7 @@ from planfit.alignment.refine import (
     rotation_2d,
 )
 from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import are_strokes, with_thickness
 from planfit.floorplan.nearest_faces import nearest_beside
@@ -106,14 +107,11 @@ def _as_drawn(
     return replace(place, translation=place.translation + moved, scale_xy=(1.0, 1.0))
 
 
-def thickness_words(half: HalfThickness) -> str:
+def thickness_finding(half: HalfThickness) -> Finding:
     """What a user should know of a plan that draws walls by their centre lines."""
-    what = f"strokes {2 * half.drawn_m:.2f} m thick" if half.drawn_m > 0 else "single lines"
-    return (
-        f"the plan draws walls as {what}: the scan shows them to be {2 * half.half_m:.2f} m thick in "
-        "the middle, half on either side of their lines, and each was taken to be as thick as it was seen; a "
-        "plan with both faces of each wall gives better positions where only one side was seen"
-    )
+    facts = {"thickness_m": 2 * half.half_m, "sigma_m": 2 * half.sigma_m}
+    facts |= {"drawn_thickness_m": 2 * half.drawn_m}
+    return Finding(PlanKind.THICKNESS_FITTED, facts)
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planfit.adjust.moved_walls import SAME_MOTION_M, direction_words, is_one_wall
+from planfit.adjust.moved_walls import SAME_MOTION_M, is_one_wall
 from planfit.as_built.types import AsBuilt, AsBuiltWall, Verdict
+from planfit.findings import direction_words
 from planfit.floorplan import Floorplan
 
 

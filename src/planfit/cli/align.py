@@ -11,16 +11,15 @@ import tyro
 from rich.text import Text
 
 from planfit.alignment import (
-    OTHER_SCALE_ADVICE,
     Alignment,
     AlignmentHypothesis,
     WallSamples,
     metric_plan,
-    other_scale_words,
-    told_of,
+    other_scale_finding,
 )
 from planfit.cli.arguments import AlignmentFlags, Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
+from planfit.findings import SCHEMA_VERSION, Finding, finding_record, sentences_of
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.align import align
@@ -78,6 +77,7 @@ def align_command(arguments: AlignArguments) -> int:
 def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
     """An alignment as plain values; lengths in metres, angles in radians, in degrees where it says so."""
     return {
+        "schema_version": SCHEMA_VERSION,
         "plan": floorplan.name,
         "plan_is_metric": floorplan.is_metric,
         "plan_from_level": alignment.plan_from_level.tolist(),
@@ -103,13 +103,14 @@ def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
             }
             for hypothesis in alignment.candidates
         ],
-        "warnings": list(_warnings(alignment)),
+        "warnings": list(sentences_of(_findings(alignment))),
+        "findings": [finding_record(each) for each in _findings(alignment)],
     }
 
 
-def _warnings(alignment: Alignment) -> tuple[str, ...]:
-    told, other = told_of(alignment), alignment.other_scale
-    return told if other is None else (*told, f"{other_scale_words(other)}; {OTHER_SCALE_ADVICE}")
+def _findings(alignment: Alignment) -> tuple[Finding, ...]:
+    found, other = alignment.all_findings, alignment.other_scale
+    return found if other is None else (*found, other_scale_finding(other))
 
 
 def _write(
@@ -171,8 +172,8 @@ def _tell(floorplan: Floorplan, alignment: Alignment, pictures: list[Path]) -> N
             "(one standard deviation)"
         )
     out.print(f"margin over the next hypothesis: {100 * alignment.margin:.0f} percentage points")
-    for warning in _warnings(alignment):
-        note(warning)
+    for finding in _findings(alignment):
+        note(finding.sentence)
     is_sure = alignment.is_sure and alignment.other_scale is None
     verdict = Text("aligned") if is_sure else Text("not sure", "red")
     folder = pictures[0].parent if pictures else Path()

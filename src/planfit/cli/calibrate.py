@@ -14,7 +14,7 @@ from planfit.floorplan import read_floorplan
 from planfit.geometry.calibration import PARAMETERS
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import calibrate
-from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
+from planfit.pipeline.sensor import SensorParameter, sensor_findings, sensor_parameters
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.calibration_file import write_calibration
@@ -62,8 +62,8 @@ def calibrate_command(arguments: CalibrateArguments) -> int:
     rows = sensor_parameters(found, scan.cameras[0])
     tell_scan(scan)
     out.print(table("the sensor", ["parameter", "found", "sigma", ""], [_cells(r) for r in rows]))
-    for warning in sensor_warnings(rows):
-        note(warning)
+    for finding in sensor_findings(rows):
+        note(finding.sentence)
     if found.sensor.is_nominal:
         out.print("nothing was corrected: the file leaves scans as they are")
     out.print(f"written: {target}; use it with --calibration", soft_wrap=True)

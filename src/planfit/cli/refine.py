@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from planfit.adjust.observability import frame_ranges
 from planfit.cli.arguments import SurveyFlags
 from planfit.cli.console import StageBars, err, note, out, table, tell_scan
 from planfit.cli.refine_inputs import RefineArguments as RefineArguments
 from planfit.cli.refine_inputs import read_plan, read_scans
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
 from planfit.errors import require
+from planfit.findings import frame_ranges
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storeys
@@ -195,7 +195,7 @@ def summarise(
         f"{found}labels from {result.structure.back_end}"
     )
     if len(result.surfaces):
-        out.print(result.surfaces.sentence)
+        out.print(result.surfaces.finding.sentence)
     _tell_seconds(result, seconds)
     alignment = result.alignment
     if result.storeys is not None:
@@ -269,12 +269,10 @@ def tell_verdict(verdict: Verdict) -> None:
     """The outcome, why, which frames are less sure, and what to do."""
     color = {Outcome.REFINED: "green", Outcome.IMPROVED: "yellow", Outcome.NO_BETTER: "red"}
     out.print(f"\n{verdict.headline}", style=color[verdict.outcome])
-    for reason in verdict.reasons:
-        if reason not in verdict.headline:
-            out.print(f"  {reason}")
-    for reservation in verdict.reservations:
-        if reservation.words not in verdict.headline:
-            out.print(f"  {reservation.words}; {reservation.advice}")
+    for reason in verdict.further_reasons:
+        out.print(f"  {reason}")
+    for reservation in verdict.further_reservations:
+        out.print(f"  {reservation.words}; {reservation.advice}")
     if not verdict.is_refined:
         err.print(f"planfit: {verdict.outcome.value}: {verdict.advice}", soft_wrap=True)
 

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.errors import OptionError
+from planfit.findings import Finding
 
 FrameRange = tuple[int, int]
 """First and last frame, as numbered in the scan from 0."""
@@ -132,15 +133,15 @@ class Contradiction:
     """A correction that another one, or the scan, contradicts."""
 
     correction: Correction
-    reason: str
-    """How, in words."""
+    reason: Finding
+    """How."""
     prevents: bool = False
     """Whether nothing can be solved with it."""
 
     @property
     def sentence(self) -> str:
         """For a user, without a full stop."""
-        return f"{self.correction.words}: {self.reason}"
+        return f"{self.correction.words}: {self.reason.sentence}"
 
 
 _NAMES = {

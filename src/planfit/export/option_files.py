@@ -5,6 +5,7 @@ import math
 from enum import Enum
 from typing import Any
 
+from planfit.findings import Finding, finding_record
 from planfit.scan import ScanOptions
 
 FILES_OF_SCAN = ("poses", "calibration")
@@ -18,6 +19,8 @@ def to_toml(options: Any) -> str:
 
 def plain(value: Any) -> Any:
     """Dataclasses, enumerations and tuples as dictionaries, names and lists."""
+    if isinstance(value, Finding):
+        return finding_record(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = dataclasses.fields(value)
         return {field.name: plain(getattr(value, field.name)) for field in fields}

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from jaxtyping import Int
 
-from planfit.alignment import Alignment
+from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
 from planfit.export.option_files import finite, plain
 from planfit.export.tables import registration_record, survey_record
+from planfit.findings import SCHEMA_VERSION, finding_record, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
@@ -39,6 +40,7 @@ def make_record(
     neighbours = options.matching.pairs.neighbours
     return {
         "planfit": version,
+        "schema_version": SCHEMA_VERSION,
         "inputs": inputs,
         "options": plain(options),
         **_scan_record(scan),
@@ -67,6 +69,7 @@ def make_record(
         "checks": [plain(check) for check in result.checks],
         "verdict": _verdict_record(result),
         "warnings": list(result.warnings),
+        "findings": [finding_record(each) for each in result.findings],
         "seconds_by_stage": result.seconds_by_stage,
     }
 
@@ -74,7 +77,7 @@ def make_record(
 def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
     """Corrections by hand: the text of those that were used, what each came to, and those left out."""
     reasons = {
-        (each.correction.kind, each.correction.number): each.reason
+        (each.correction.kind, each.correction.number): each.reason.sentence
         for each in by_hand.contradictions
     }
     return {
@@ -91,7 +94,7 @@ def _corrections_record(by_hand: ByHand) -> dict[str, Any]:
             for each in by_hand.outcomes
         ],
         "left_out": [
-            {"words": each.correction.words, "contradicted": each.reason}
+            {"words": each.correction.words, "contradicted": each.reason.sentence}
             for each in by_hand.left_out
         ],
         "toml": to_toml(by_hand.used),
@@ -137,7 +140,11 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
     return {
         "outcome": verdict.outcome.value,
         "reasons": list(verdict.reasons),
-        "reservations": [plain(each) for each in verdict.reservations],
+        "findings": [finding_record(each) for each in verdict.because],
+        "reservations": [
+            {**finding_record(each), "walls": list(sentences_of(each.parts))}
+            for each in verdict.reservations
+        ],
         "advice": verdict.advice,
         "predicted_error_rms_m": evidence.predicted_rms_m,
         "predicted_error_m": verdict.predicted_error_m.tolist(),
@@ -152,11 +159,18 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             {**plain(each), "words": each.sentence} for each in evidence.disagreements
         ],
         "torn_steps": [plain(step) for step in evidence.torn],
-        "adjusted_alignment": plain(evidence.alignment),
+        "adjusted_alignment": _adjusted_record(evidence.alignment),
         "misfit_without_and_with_walls": {
             name: list(both) for name, both in evidence.scan_costs.items()
         },
     }
+
+
+def _adjusted_record(adjusted: AdjustedAlignment | None) -> dict[str, Any] | None:
+    if adjusted is None:
+        return None
+    doubt = "" if adjusted.doubt is None else adjusted.doubt.sentence
+    return {**plain(adjusted), "doubt": doubt}
 
 
 def _finite_or_same(value: Any) -> Any:
@@ -181,7 +195,7 @@ def _tracking_record(tracking: Tracking) -> dict[str, Any]:
             "rotation": tracking.sigma_factors[0],
             "translation": tracking.sigma_factors[1],
         },
-        "breaks": [plain(found) for found in tracking.breaks],
+        "breaks": [{**plain(found), "reason": found.finding.sentence} for found in tracking.breaks],
     }
 
 

@@ -11,8 +11,9 @@ from jaxtyping import Float
 
 from planfit.adjust.uncertainty import radius_95
 from planfit.export.option_files import finite
+from planfit.findings import sentences_of
 from planfit.pipeline.registration import Registration
-from planfit.pipeline.survey_residuals import contradicted_words
+from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.survey import RoleResiduals, SurveyResiduals
 
 SIGMA_HEADER = "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m"
@@ -195,7 +196,7 @@ def survey_record(survey: SurveyResiduals) -> dict[str, Any]:
             }
             for point in survey.points
         ],
-        "contradicted": contradicted_words(survey.points),
+        "contradicted": list(sentences_of(contradicted_points(survey.points))),
         "unseen": list(survey.unseen),
     }
 

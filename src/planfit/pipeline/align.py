@@ -24,13 +24,14 @@ from planfit.alignment import (
     metric_plan,
     read_control_points,
     sample_walls,
-    thickness_words,
+    thickness_finding,
 )
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import AlignOptions, RecordedAxes
 from planfit.alignment.wall_thickness import THINNEST_M
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
@@ -169,8 +170,8 @@ def with_thick_walls(
             return thickened(replace(align_options, metric_scale_tolerance=0.0))
         if found.score < drawn.score and not drawn.is_plan_rescaled:
             return None
-        words = (*found.warnings, thickness_words(half))
-        return thick, replace(found, warnings=words, half_thickness=half)
+        told = (*found.findings, thickness_finding(half))
+        return thick, replace(found, findings=told, half_thickness=half)
 
     return thickened(options.align) or (floorplan, drawn)
 
@@ -265,11 +266,8 @@ def find_alignment(
             f"multiply its coordinates by {unit[1]:g}"
         )
     if control_points and drawn.score < chosen.min_score:
-        words = (
-            f"with the control points given, the plan explains only {drawn.score:.0%} of the wall: check "
-            "their numbers, or leave them out"
-        )
-        return replace(drawn, warnings=(*drawn.warnings, words))
+        little = Finding(PlanKind.POINTS_LEAVE_LITTLE_WALL, {"wall_share": drawn.score})
+        return replace(drawn, findings=(*drawn.findings, little))
     return drawn
 
 

@@ -7,6 +7,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.corrections import Contradiction, Correction, Corrections
 from planfit.errors import OptionError, ScanError
+from planfit.findings import Finding, SurveyKind
 from planfit.geometry import se3
 from planfit.matching import (
     HandLoop,
@@ -110,18 +111,19 @@ def contradictions_among(corrections: Corrections) -> tuple[Contradiction, ...]:
     for loop in corrections.added:
         pair = np.array([loop.frames])
         if corrections.are_deleted(pair)[0]:
-            found.append(Contradiction(loop, "a delete_loop says the opposite", prevents=True))
+            found.append(Contradiction(loop, Finding(SurveyKind.LOOP_DELETED), prevents=True))
         elif excluded[list(loop.frames)].any():
-            found.append(Contradiction(loop, "one of the frames is excluded", prevents=True))
+            excluding = Finding(SurveyKind.FRAME_OF_LOOP_EXCLUDED)
+            found.append(Contradiction(loop, excluding, prevents=True))
     for place in corrections.places:
         if place.frame is not None and excluded[place.frame]:
-            found.append(Contradiction(place, "the frame is excluded", prevents=True))
+            excluding = Finding(SurveyKind.FRAME_EXCLUDED)
+            found.append(Contradiction(place, excluding, prevents=True))
     erased = {frozenset(wall.ends) for wall in corrections.walls("erase_wall")}
     for kind in ("exclude_wall", "draw_wall"):
         for wall in corrections.walls(kind):
             if frozenset(wall.ends) in erased:
-                reason = "an erase_wall says that it is not there"
-                found.append(Contradiction(wall, reason, prevents=True))
+                found.append(Contradiction(wall, Finding(SurveyKind.WALL_ERASED), prevents=True))
     return tuple(found)
 
 
@@ -131,11 +133,11 @@ def contradictions_of_images(seen: HandSeen) -> tuple[Contradiction, ...]:
     rows = zip(seen.corrections.added, seen.matches.gaps_m, seen.matches.has_matches, strict=True)
     for loop, gap_m, has_matches in rows:
         if not has_matches:
-            reason = "their images do not match; pick a point that both show, as pixels"
-            found.append(Contradiction(loop, reason, prevents=True))
+            unmatched = Finding(SurveyKind.IMAGES_DO_NOT_MATCH)
+            found.append(Contradiction(loop, unmatched, prevents=True))
         elif gap_m is not None and gap_m > AGREES_M:
-            reason = f"by what their images match, the picked points are {gap_m:.2f} m apart"
-            found.append(Contradiction(loop, reason))
+            apart = Finding(SurveyKind.PICKED_POINTS_APART, {"gap_m": gap_m})
+            found.append(Contradiction(loop, apart))
     return tuple(found)
 
 

@@ -15,6 +15,7 @@ from planfit.alignment.control_points import (
 )
 from planfit.corrections import Contradiction, Correction, Corrections, Place
 from planfit.errors import OptionError
+from planfit.findings import Finding, PlanKind, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.by_hand import HandSeen
@@ -81,11 +82,15 @@ class ByHand:
         return words
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """A sentence for each that is contradicted."""
-        return (
-            *(f"contradicted by hand or scan: {each.sentence}" for each in self.contradictions),
-            *(f"left out, as contradicted: {each.sentence}" for each in self.left_out),
+    def findings(self) -> tuple[Finding, ...]:
+        """Each that is contradicted."""
+        return tuple(
+            Finding(kind, {"correction": each.correction.words}, parts=(each.reason,))
+            for kind, those in (
+                (SurveyKind.CORRECTION_CONTRADICTED, self.contradictions),
+                (SurveyKind.CORRECTION_LEFT_OUT, self.left_out),
+            )
+            for each in those
         )
 
 
@@ -153,10 +158,9 @@ def by_hand_outcome(
         is_place = isinstance(each.correction, Place)
         most = tolerance_m if is_place else CONTRADICTED_M
         if each.residual_m is not None and each.residual_m > most:
-            against = "walls or other places" if is_place else "other loops or walls"
-            off = f"ends {each.residual_m:.2f} m off, where {most:g} m is allowed"
-            reason = f"{off}: {against} hold against it"
-            found.append(Contradiction(each.correction, reason))
+            facts = {"residual_m": each.residual_m, "allowed_m": most, "is_place": is_place}
+            off = Finding(SurveyKind.CORRECTION_ENDS_OFF, facts)
+            found.append(Contradiction(each.correction, off))
     return outcomes, tuple(found)
 
 
@@ -189,10 +193,9 @@ def loops_against_motion(
         bent = [one for one in motions if one.by_m > most_m(one.item)]
         if not bent or each.kept_out_m <= CONTRADICTED_M:
             continue
-        reason = (
-            f"{each.kept_out_m:.2f} m off where all else puts it, and without it the "
-            f"{bent[0].item.words} fits better by {bent[0].by_m:.2f} m"
-        )
+        facts = {"off_m": each.kept_out_m, "better_m": bent[0].by_m}
+        run = bent[0].item.first_frames
+        reason = Finding(SurveyKind.LOOP_BENDS_MOTION, facts, (run,) if run else ())
         found += [
             Contradiction(loop, reason)
             for loop in corrections.added
@@ -222,17 +225,20 @@ def _require_agreement(
     if worst_control_point(points, scale, tolerance_m) is None:
         return
     hint = disagreement_hint(points, scale, tolerance_m)
+    hints = () if hint is None else (hint,)
     alone = placed_by_walls(prepared, floorplan, options, None, points)
     found: list[Contradiction] = []
     if alone is not None and alone.alignment.is_sure:
         for k in np.flatnonzero(alone.off_m > tolerance_m):
-            reason = f"{alone.off_m[k]:.2f} m off where the walls put it{hint}"
+            off = {"off_m": float(alone.off_m[k])}
+            reason = Finding(SurveyKind.PLACE_OFF_BY_WALLS_ALONE, off, parts=hints)
             found.append(Contradiction(corrections.places[k], reason, prevents=True))
     if not found:
         left = list(range(len(points)))
         while worst := worst_control_point([points[k] for k in left], scale, tolerance_m):
             k = left.pop(worst[0])
-            reason = f"{worst[1]:.2f} m off where the other places put it{hint}"
+            off = {"off_m": worst[1]}
+            reason = Finding(SurveyKind.PLACE_OFF_BY_OTHERS, off, parts=hints)
             found.append(Contradiction(corrections.places[k], reason, prevents=True))
     raise ContradictedError(corrections.name, tuple(found))
 
@@ -247,7 +253,9 @@ def _places_against_walls(
     # Those of the options come before them.
     off_m = against.off_m[len(against.off_m) - len(places) :]
     return [
-        Contradiction(place, f"{off:.2f} m off where the walls put it: {against.sentence}")
+        Contradiction(
+            place, Finding(PlanKind.PLACE_OFF_BY_WALLS, {"off_m": float(off), **against.facts})
+        )
         for place, off in zip(places, off_m, strict=True)
         if off > tolerance_m
     ]

@@ -53,7 +53,7 @@ def solve_corrected(
             break
         left_out += outcome.contradictions
     outcome = replace(result.by_hand or ByHand(used, (), ()), left_out=left_out)
-    return replace(result, by_hand=outcome, warnings=(*outcome.warnings, *result.warnings))
+    return replace(result, by_hand=outcome, findings=(*outcome.findings, *result.findings))
 
 
 def _require_possible(given: Given) -> None:

@@ -19,7 +19,7 @@ from planfit.adjust import (
     TornStep,
     build_problem,
     costs,
-    name_walls,
+    moved_wall_findings,
 )
 from planfit.adjust.association import PlanCorrespondences, associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
@@ -27,6 +27,7 @@ from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M
+from planfit.findings import Finding
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
@@ -49,7 +50,6 @@ from planfit.pipeline.storeys import judge_storeys
 from planfit.pipeline.strength import DirectionStrength, directions_held
 from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.runtime import blas_on_one_thread, give_back_memory, in_threads, short_repr
-from planfit.tracking import TrackingDoubt
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
@@ -107,13 +107,13 @@ class Evidence:
     rival_error_m: float = 0.0
     """Part of the predicted error (RMS) that other optima have in it: where else the scan fits the plan about
     as well, with other walls taken for moved."""
-    moved_walls: tuple[str, ...] = ()
-    """Walls that were taken for moved, in words: where they are drawn, how far they stand off, which way."""
+    moved_walls: tuple[Finding, ...] = ()
+    """Walls that were taken for moved."""
     is_alone: bool = False
     """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
-    tracking_doubt: TrackingDoubt | None = None
+    tracking_doubt: Finding | None = None
     """Why the recorded poses as a whole say nothing of the images; None where they do."""
     disagreements: tuple[Disagreement, ...] = ()
     """Visits and walls that the rest puts elsewhere, the most suspect first, and what they stand against."""
@@ -143,21 +143,12 @@ class Evidence:
     @property
     def is_place_sure(self) -> bool:
         """Whether the adjusted walls surely lie where they belong on the plan."""
-        return self.alignment is not None and not self.alignment.doubt
+        return self.alignment is not None and self.alignment.doubt is None
 
     @property
     def other_scale(self) -> OtherScale | None:
         """At which a plan in metres, taken as drawn, would fit clearly better; None where there is none."""
         return None if self.alignment is None else self.alignment.other_scale
-
-    @property
-    def predicted_words(self) -> str:
-        """The predicted error in words, metres to the centimetre: of the whole, and where it is largest."""
-        worst = self.worst_frame
-        return (
-            f"expected position error {self.predicted_rms_m:.2f} m, worst "
-            f"{self.predicted_error_m[worst]:.2f} m at frame {worst}"
-        )
 
     @property
     def predicted_rms_m(self) -> float:
@@ -278,10 +269,10 @@ def gather_evidence(
     )
 
 
-def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[str, ...]:
+def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[Finding, ...]:
     if on_plan.floorplan is None:
         return ()
-    return name_walls(adjustment.moved_walls, on_plan.floorplan)
+    return moved_wall_findings(adjustment.moved_walls, on_plan.floorplan)
 
 
 def _near_plan(

@@ -1,11 +1,13 @@
 """Where a prepared scan stands on its plan, or on the plans of its storeys."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.alignment import Alignment
+from planfit.findings import Fact, Finding, PlanKind
 from planfit.floorplan import Floorplan
 
 
@@ -67,13 +69,23 @@ class PointsAgainstWalls:
     """The same where the points put it."""
 
     @property
-    def sentence(self) -> str:
-        """For a user, without a full stop."""
-        return (
-            f"without them {self.score_of_walls:.0%} of the scanned wall lies on the plan, "
-            f"{self.apart_m:.2f} m and {self.apart_deg:.0f} deg away from where they put the scan, and "
-            f"{self.score_of_points:.0%} with them"
-        )
+    def facts(self) -> dict[str, Fact]:
+        """Of findings about it."""
+        return {
+            "apart_m": self.apart_m,
+            "apart_deg": self.apart_deg,
+            "wall_share_without": self.score_of_walls,
+            "wall_share_with": self.score_of_points,
+        }
+
+    def finding(self, names: Sequence[str], most_m: float) -> Finding:
+        """For a user, with the points of these names that are off by more than `most_m` by the walls."""
+        off = np.flatnonzero(self.off_m > most_m)
+        points = {
+            "points": tuple(names[k] for k in off.tolist()),
+            "offs_m": tuple(self.off_m[off].tolist()),
+        }
+        return Finding(PlanKind.POINTS_AGAINST_WALLS, {**points, **self.facts})
 
 
 @dataclass(frozen=True)
@@ -89,7 +101,7 @@ class SurveyOnPlan:
     site_from_plan: Float[np.ndarray, "4 4"] | None
     """To the survey's axes less `site_origin`, where there is no plan."""
     site_origin: Float[np.ndarray, "3"]
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ tells. So the scan is aligned once more without them. Only where its walls then 
 place, is something wrong with the points; where both fit alike, the points decide.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
@@ -21,9 +21,6 @@ from planfit.pipeline.align import find_alignment, wall_samples
 from planfit.pipeline.on_plan import PointsAgainstWalls, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
-
-MAX_NAMED = 6
-"""Points that a warning names."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +88,7 @@ def against_walls(
         taken,
         is_sure=False,
         candidates=(*taken.candidates, *best),
-        warnings=(*taken.warnings, _words(found, names, most_m)),
+        findings=(*taken.findings, found.finding(names, most_m)),
     )
     return replace(on_plan, alignment=doubted, against_points=found)
 
@@ -102,12 +99,3 @@ def _off_m(alignment: Alignment, points: tuple[ControlPoint, ...]) -> Float[np.n
     there = there @ alignment.plan_from_level[:2, :2].T + alignment.plan_from_level[:2, 3]
     given = np.array([point.plan_xy for point in points]).reshape(-1, 2)
     return np.linalg.norm(there - given * alignment.scale_xy, axis=1)
-
-
-def _words(found: PointsAgainstWalls, names: Sequence[str], most_m: float) -> str:
-    off = np.flatnonzero(found.off_m > most_m)
-    named = [f"{names[k]} ({found.off_m[k]:.2f} m off there)" for k in off[:MAX_NAMED]]
-    if len(off) > MAX_NAMED:
-        named.append(f"{len(off) - MAX_NAMED} more")
-    told = ", ".join(named) or "check them"
-    return f"the control points given disagree with the walls: {found.sentence}: {told}"

@@ -14,13 +14,13 @@ from planfit.adjust import (
     reduce_measurements,
 )
 from planfit.errors import require_plain_numbers
+from planfit.findings import Finding
 from planfit.pipeline.by_hand import with_interpolated
 from planfit.pipeline.observations import Observations, believe_recorded
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import level_from_world
-from planfit.tracking import TrackingDoubt
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class PreparedScan:
     """All frames as recorded, levelled."""
     level_from_keys: Float[np.ndarray, "k 4 4"]
     """Keyframes, loops closed."""
-    warnings: tuple[str, ...] = ()
-    """Revisits that were given up, a sentence each."""
+    findings: tuple[Finding, ...] = ()
+    """Revisits that were given up."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
     torn_steps: tuple[TornStep, ...] = ()
     """Recorded steps that closing loops gave up, the worst first."""
-    tracking_doubt: TrackingDoubt | None = None
-    """Why the recorded poses as a whole say nothing, in words."""
+    tracking_doubt: Finding | None = None
+    """Why the recorded poses as a whole say nothing."""
     leaps: tuple[tuple[int, int], ...] = ()
     """Frames before and after jumps by whose correction the walk leaps, as none can."""
     metres_per_pose_unit: float = 1.0
@@ -111,7 +111,7 @@ def prepare(
         level,
         level_from_cams,
         closed.solution.target_from_cams,
-        warnings=tuple(visit.sentence for visit in closed.dropped),
+        findings=tuple(visit.finding for visit in closed.dropped),
         unplaced=tracking.unplaced,
         torn_steps=closed.torn_steps,
         tracking_doubt=tracking.doubt,

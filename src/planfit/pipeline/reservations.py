@@ -1,13 +1,13 @@
-"""Reservations: which part of a result the evidence does not bear, why, and what to do about it."""
+"""Reservations: which part of a result the evidence does not bear, and why."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
 
-from planfit.adjust.observability import frame_ranges
-from planfit.alignment import OTHER_SCALE_ADVICE, other_scale_words
+from planfit.alignment import other_scale_finding
+from planfit.findings import Finding, ResultKind
 from planfit.pipeline.evidence import CONTRADICTED_M, Evidence, Stretch
 from planfit.pipeline.verdict_options import VerdictOptions
 
@@ -35,31 +35,13 @@ MAX_STRAIN = 1.25
 """Misfit of a term with the walls over that without, at least three a frame. Right plans: 1.00 to 1.07."""
 RIVAL_SHARE = 1.0
 """Other optima are named from this share of the predicted error that is allowed on."""
-MAX_NAMED_WALLS = 3
-"""Walls that a sentence names."""
 
 
-@dataclass(frozen=True)
-class Reservation:
-    """Frames that are less sure than the rest, why, and what to do."""
-
-    frames: tuple[tuple[int, int], ...]
-    """Runs of frames, first and last as numbered in the scan."""
-    words: str
-    """A sentence without its full stop, the frames named in it."""
-    advice: str
-    """What to do."""
-    walls: tuple[str, ...] = ()
-    """Walls of the plan that it hangs on: where they are drawn, how far they stand off, which way."""
-
-
-def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reservation, ...]:
+def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
     """All reservations about a result, the gravest kinds first."""
     found = [
         *_of_doubted_tracking(evidence),
-        *_of_unplaced_frames(evidence),
-        *_of_torn_steps(evidence),
-        *_of_leaps(evidence),
+        *_of_broken_path(evidence),
         *_of_other_scale(evidence),
         *_of_rivals(evidence, options),
         *_of_unsure_stretches(evidence, options),
@@ -67,135 +49,81 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Reserv
         *_of_walls_alone(evidence),
         *_of_contradicted_visits(evidence),
         *_of_strained_terms(evidence),
-        *_of_storeys_without_plan(evidence),
     ]
-    stretches, error = evidence.stretches, evidence.predicted_rms_m
-    everything = (stretches[0].frames[0], stretches[-1].frames[1])
+    found += [
+        Finding(ResultKind.FRAMES_OFF_PLANS, {"storey": storey.name}, storey.frames)
+        for storey in evidence.without_plan
+    ]
+    error, everything = evidence.predicted_rms_m, _all_frames(evidence)
     if not evidence.is_placed:
-        found.append(
-            Reservation(
-                (everything,),
-                "the scan is not placed on the plan: no wall was seen, and its poses only agree with each "
-                "other",
-                "give wall masks, or scan more of the walls",
-            )
-        )
+        found.append(Finding(ResultKind.NOT_PLACED, frames=everything))
     if error > options.max_error_m and not found:
-        found.append(
-            Reservation(
-                (everything,),
-                f"all frames may be off by {error:.2f} m (RMS): solves without a part of the evidence differ "
-                "by that much",
-                "scan again so that the walk comes back to places seen before",
-            )
-        )
+        found.append(Finding(ResultKind.ALL_MAY_BE_OFF, {"predicted_rms_m": error}, everything))
     return tuple(found)
 
 
-def _of_doubted_tracking(evidence: Evidence) -> list[Reservation]:
+def _all_frames(evidence: Evidence) -> tuple[tuple[int, int]]:
+    """One run."""
+    return ((evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1]),)
+
+
+def _of_doubted_tracking(evidence: Evidence) -> list[Finding]:
     doubt = evidence.tracking_doubt
-    if doubt is None:
-        return []
-    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
-    return [Reservation((everything,), doubt.what, doubt.advice)]
+    return [] if doubt is None else [replace(doubt, frames=_all_frames(evidence))]
 
 
-def _of_unplaced_frames(evidence: Evidence) -> list[Reservation]:
-    if not evidence.unplaced:
-        return []
-    return [
-        Reservation(
-            evidence.unplaced,
-            f"frames {frame_ranges(evidence.unplaced)} have no place: tracking was lost there, neighbouring "
-            "images do not match, and no place of theirs is surely seen again",
-            "leave these frames out, or scan that part again",
+def _of_broken_path(evidence: Evidence) -> list[Finding]:
+    """Frames without a place, torn steps and leaps."""
+    found = []
+    if evidence.unplaced:
+        found.append(Finding(ResultKind.FRAMES_WITHOUT_PLACE, frames=evidence.unplaced))
+    if evidence.torn:
+        worst = max(evidence.torn, key=lambda step: step.departure_m)
+        facts = {"departure_m": worst.departure_m, "departure_deg": worst.departure_deg}
+        found.append(
+            Finding(ResultKind.PATH_TORN, facts, tuple(step.frames for step in evidence.torn))
         )
-    ]
+    if evidence.leaps:
+        found.append(Finding(ResultKind.WALK_LEAPS, frames=evidence.leaps))
+    return found
 
 
-def _of_torn_steps(evidence: Evidence) -> list[Reservation]:
-    if not evidence.torn:
-        return []
-    frames = tuple(step.frames for step in evidence.torn)
-    worst = max(evidence.torn, key=lambda step: step.departure_m)
-    return [
-        Reservation(
-            frames,
-            f"the path is torn at frames {frame_ranges(frames)}: the result departs from the recorded motion "
-            f"by up to {worst.departure_m:.1f} m and {worst.departure_deg:.0f} deg in one step",
-            "look at those frames: either the tracker jumped there, or places were confused",
-        )
-    ]
-
-
-def _of_leaps(evidence: Evidence) -> list[Reservation]:
-    if not evidence.leaps:
-        return []
-    return [
-        Reservation(
-            evidence.leaps,
-            f"the walk leaps at frames {frame_ranges(evidence.leaps)}, further than any walk does in a step: "
-            "the tracker jumped there, and what follows was put at a place that may only look alike",
-            "look at those frames, delete the loops that are wrong (planfit view), or scan that part again",
-        )
-    ]
-
-
-def _of_other_scale(evidence: Evidence) -> list[Reservation]:
+def _of_other_scale(evidence: Evidence) -> list[Finding]:
     """A plan in metres that was taken as drawn and would fit clearly better at another scale."""
     if evidence.other_scale is None:
         return []
-    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
-    return [Reservation((everything,), other_scale_words(evidence.other_scale), OTHER_SCALE_ADVICE)]
+    return [replace(other_scale_finding(evidence.other_scale), frames=_all_frames(evidence))]
 
 
-def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Reservation]:
+def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Finding]:
     """The scan fits the plan in another way about as well, depending on which walls were moved."""
     if evidence.rival_error_m <= RIVAL_SHARE * options.max_error_m:
         return []
-    stretches, walls = evidence.stretches, evidence.moved_walls
-    taken, check = "", "check the plan"
-    if walls:
-        shown = [*walls[:MAX_NAMED_WALLS]]
-        if len(walls) > MAX_NAMED_WALLS:
-            shown.append(f"{len(walls) - MAX_NAMED_WALLS} more")
-        taken = f", other walls being drawn wrongly then; taken for moved were {'; '.join(shown)}"
-        check = "measure one of these walls in the building and correct the plan there"
+    walls = evidence.moved_walls
     return [
-        Reservation(
-            ((stretches[0].frames[0], stretches[-1].frames[1]),),
-            f"the scan fits the plan about as well with its frames {evidence.rival_error_m:.2f} m (RMS) "
-            f"elsewhere{taken}",
-            f"{check}, or give control points",
-            walls,
+        Finding(
+            ResultKind.FITS_ELSEWHERE,
+            {"rival_rms_m": evidence.rival_error_m},
+            _all_frames(evidence),
+            faces=tuple(face for wall in walls for face in wall.faces),
+            parts=walls,
         )
     ]
 
 
-def _of_unsure_stretches(evidence: Evidence, options: VerdictOptions) -> list[Reservation]:
+def _of_unsure_stretches(evidence: Evidence, options: VerdictOptions) -> list[Finding]:
     """Runs of stretches whose predicted error is large."""
     found = []
     for run in _runs([s.predicted_m > options.max_stretch_error_m for s in evidence.stretches]):
         stretches = [evidence.stretches[k] for k in run]
         frames = stretches[0].frames[0], stretches[-1].frames[1]
         worst = max(stretches, key=lambda s: s.predicted_m)
-        along = ""
-        if worst.open_direction is not None:
-            x, y = worst.open_direction
-            along = f" along the plan's direction ({x:.2f}, {y:.2f})"
-        found.append(
-            Reservation(
-                (frames,),
-                f"frames {frame_ranges([frames])} are not fixed{along}: they may be off by "
-                f"{worst.predicted_m:.2f} m",
-                "scan that part again with places that were seen before and walls of both directions in "
-                "view, or give control points there",
-            )
-        )
+        facts = {"predicted_m": worst.predicted_m, "direction": worst.open_direction}
+        found.append(Finding(ResultKind.FRAMES_NOT_FIXED, facts, (frames,)))
     return found
 
 
-def _of_unexplained_stretches(evidence: Evidence) -> list[Reservation]:
+def _of_unexplained_stretches(evidence: Evidence) -> list[Finding]:
     """Runs of stretches whose walls are not on the plan though walls elsewhere are, and that nothing else
     confirms."""
     agreeing = {
@@ -213,36 +141,21 @@ def _of_unexplained_stretches(evidence: Evidence) -> list[Reservation]:
         if not _is_unexplained(evidence, run):
             continue
         own = [evidence.stretches[k] for k in run]
+        walls, elsewhere = _walls_of(own), _walls_of(_rest(evidence, run))
+        facts = {"near_share": walls.near, "near_share_elsewhere": elsewhere.near}
+        facts |= {"patch_count": walls.n_patches}
         frames = own[0].frames[0], own[-1].frames[1]
-        walls = _walls_of(own)
-        found.append(
-            Reservation(
-                (frames,),
-                f"frames {frame_ranges([frames])} are confirmed by nothing: {walls.near:.0%} of their "
-                f"{walls.n_patches} wall patches lie on the plan, {_walls_of(_rest(evidence, run)).near:.0%} "
-                "elsewhere, and no place of theirs is seen again",
-                "check the plan there: its walls may have been moved or not been built; else the tracker "
-                "jumped",
-            )
-        )
+        found.append(Finding(ResultKind.FRAMES_UNCONFIRMED, facts, (frames,)))
     return found
 
 
-def _of_walls_alone(evidence: Evidence) -> list[Reservation]:
+def _of_walls_alone(evidence: Evidence) -> list[Finding]:
     """Walls that hold the recorded motion alone, and do not confirm themselves."""
     near = evidence.near_shares
     is_tied = bool(evidence.visits) or not set(evidence.scan_costs) <= OF_FRAMES_ALONE
     if near is None or is_tied or near[1] >= HELD_BY_WALLS_SHARE:
         return []
-    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
-    return [
-        Reservation(
-            (everything,),
-            "nothing but walls corrects the recorded motion, as no images match, and only "
-            f"{near[1]:.0%} of the wall patches lie on the plan in solves that did without them",
-            "scan again where images show more, with more light or a wider view, or give control points",
-        )
-    ]
+    return [Finding(ResultKind.WALLS_ALONE, {"near_share": near[1]}, _all_frames(evidence))]
 
 
 def _is_unexplained(evidence: Evidence, run: Sequence[int]) -> bool:
@@ -267,46 +180,26 @@ def _rest(evidence: Evidence, run: Sequence[int]) -> list[Stretch]:
     return [stretch for k, stretch in enumerate(evidence.stretches) if k not in run]
 
 
-def _of_contradicted_visits(evidence: Evidence) -> list[Reservation]:
+def _of_contradicted_visits(evidence: Evidence) -> list[Finding]:
     bad = [visit for visit in evidence.visits if visit.after_m > CONTRADICTED_M]
     if len(bad) <= CONTRADICTED_SHARE * len(evidence.visits):
         return []
     frames = tuple(dict.fromkeys(f for v in bad for f in (v.first_frames, v.last_frames)))
-    return [
-        Reservation(
-            frames,
-            f"of {len(evidence.visits)} times that a place is seen again, {len(bad)} contradict the result, "
-            f"by {np.median([visit.after_m for visit in bad]):.1f} m: frames {frame_ranges(frames)}",
-            "look whether these frames show the same place; places that look alike are confused",
-        )
-    ]
+    facts = {"revisit_count": len(evidence.visits), "contradicted_count": len(bad)}
+    facts |= {"distance_m": float(np.median([visit.after_m for visit in bad]))}
+    return [Finding(ResultKind.REVISITS_CONTRADICT_RESULT, facts, frames)]
 
 
-def _of_strained_terms(evidence: Evidence) -> list[Reservation]:
+def _of_strained_terms(evidence: Evidence) -> list[Finding]:
     """Terms that the walls of the plan made worse than correcting drift explains."""
-    everything = (evidence.stretches[0].frames[0], evidence.stretches[-1].frames[1])
     return [
-        Reservation(
-            (everything,),
-            f"scan and plan contradict each other: the misfit of the {name} rises {after / before:.1f} times "
-            "when the walls of the plan pull",
-            "the plan may differ from the building where the report shows large distances, or be of another "
-            "place or scale",
+        Finding(
+            ResultKind.PLAN_STRAINS_TERM,
+            {"term": name, "misfit_ratio": after / before},
+            _all_frames(evidence),
         )
         for name, (before, after) in evidence.scan_costs.items()
         if after > MAX_STRAIN * before
-    ]
-
-
-def _of_storeys_without_plan(evidence: Evidence) -> list[Reservation]:
-    return [
-        Reservation(
-            storey.frames,
-            f"frames {frame_ranges(storey.frames)} are on {storey.name}: matches, recorded motion and floor "
-            "alone hold them",
-            "give the plan of that storey too (--plan NUMBER=FILE)",
-        )
-        for storey in evidence.without_plan
     ]
 
 

@@ -13,25 +13,26 @@ from PIL import Image
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
 from planfit.alignment import Alignment
+from planfit.findings import Finding, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.diagnostics import (
-    adjustment_warnings,
-    alignment_warnings,
-    scan_warnings,
-    storey_warnings,
+    adjustment_findings,
+    alignment_findings,
+    scan_findings,
+    storey_findings,
 )
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.given import Given
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.registration import Registration, register
-from planfit.pipeline.sensor import SensorParameter, sensor_parameters, sensor_warnings
+from planfit.pipeline.sensor import SensorParameter, sensor_findings, sensor_parameters
 from planfit.pipeline.solve import Solved
-from planfit.pipeline.survey_residuals import survey_residuals, survey_warnings
+from planfit.pipeline.survey_residuals import survey_findings, survey_residuals
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
 from planfit.runtime import StageTimer, short_repr
@@ -76,8 +77,8 @@ class RefineResult:
     cost_by_term: dict[str, tuple[float, float]]
     """Robust cost of each term, before and after."""
     checks: tuple[Check, ...]
-    warnings: tuple[str, ...]
-    """What a user should know before trusting the result, in plain words."""
+    findings: tuple[Finding, ...]
+    """What a user should know before trusting the result; the verdict has its own."""
     seconds_by_stage: dict[str, float]
     verdict: Verdict
     """What the evidence says of it: which poses to use, and which frames not to trust."""
@@ -124,6 +125,11 @@ class RefineResult:
         return above("planfit.report.plots.overlay").plot_result(self)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """The findings in plain words."""
+        return sentences_of(self.findings)
+
+    @property
     def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
@@ -162,7 +168,7 @@ def to_recorded_axes(
 def make_result(
     given: Given, solved: Solved, validation: Validation, timer: StageTimer
 ) -> RefineResult:
-    """All of it together, with what a user should know of it in words."""
+    """All of it together, with what a user should know of it."""
     scan, calibrated, surveyed = given.scan, solved.calibrated, solved.surveyed
     on_plan, adjustment = solved.on_plan, solved.adjustment
     observations, prepared = calibrated.observations, calibrated.prepared
@@ -190,10 +196,10 @@ def make_result(
         solved_frame_idx=prepared.keyframes.frame_idx,
         cost_by_term=validation.cost_by_term,
         checks=validation.checks,
-        warnings=(
-            *(observations.tracking.warnings if observations.tracking else ()),
-            *sensor_warnings(found),
-            *scan_warnings(
+        findings=(
+            *(observations.tracking.findings if observations.tracking else ()),
+            *sensor_findings(found),
+            *scan_findings(
                 scan,
                 observations.gravity,
                 structure,
@@ -203,12 +209,12 @@ def make_result(
                 observations.surfaces,
                 prepared.keyframes.frame_idx,
             ),
-            *prepared.warnings,
-            *(on_plan.survey.warnings if on_plan.survey else ()),
-            *(survey_warnings(survey, validation.evidence.predicted_rms_m) if survey else ()),
-            *(storey_warnings(on_plan.storeys) if on_plan.storeys else ()),
+            *prepared.findings,
+            *(on_plan.survey.findings if on_plan.survey else ()),
+            *(survey_findings(survey, validation.evidence.predicted_rms_m) if survey else ()),
+            *(storey_findings(on_plan.storeys) if on_plan.storeys else ()),
             *(
-                alignment_warnings(
+                alignment_findings(
                     on_plan.alignment,
                     on_plan.claimed_plan_from_level is not None,
                     adjustment,
@@ -217,7 +223,7 @@ def make_result(
                     validation.evidence.is_place_sure,
                 )
                 if has_plan
-                else adjustment_warnings(adjustment)
+                else adjustment_findings(adjustment)
             ),
         ),
         seconds_by_stage=timer.seconds,

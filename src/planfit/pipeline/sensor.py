@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from planfit.adjust.calibration import SHARED, Calibration
+from planfit.findings import Finding, Kind, ScanKind
 from planfit.geometry.calibration import NOMINAL, PARAMETERS
 from planfit.geometry.camera import Camera
 
@@ -22,13 +23,6 @@ _UNITS = {
     "principal_x": "px",
     "principal_y": "px",
 }
-FAR_M = 3.0
-"""Distance at which the quadratic part of depth is told in metres."""
-_REGISTRATION = (
-    "colour and depth may not be registered to each other, or the intrinsics be those of another camera or "
-    "image size: check the export of the scan"
-)
-_UNIT = "check the unit of the depth (--depth-scale), and the calibration that the device exports"
 
 
 @dataclass(frozen=True)
@@ -81,73 +75,20 @@ def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorP
     return tuple(rows)
 
 
-def sensor_warnings(rows: Sequence[SensorParameter]) -> tuple[str, ...]:
+def sensor_findings(rows: Sequence[SensorParameter]) -> tuple[Finding, ...]:
     """What a user should know of the sensor: what was corrected, or could not be; mostly nothing."""
-    kept = [_correction(row) for row in rows if row.is_kept]
+    kept = tuple(_finding(ScanKind.PARAMETER_CORRECTED, row) for row in rows if row.is_kept)
     refused = [row for row in rows if row.is_implausible]
     if kept:
-        return ("; ".join(kept),)
+        return (Finding(ScanKind.SENSOR_CORRECTED, parts=kept),)
     if not refused:
         return ()
-    keys = {row.key for row in refused}
-    advice = [_UNIT] if any(key.startswith("depth") for key in keys) else []
-    advice += [_REGISTRATION] if any(not key.startswith("depth") for key in keys) else []
-    asked = " and ".join(_request(row) for row in refused)
-    return (
-        f"the scan asks for {asked}, more than a camera can be off: nothing was corrected; "
-        f"{'; '.join(advice)}",
-    )
+    of_depth = {row.key.startswith("depth") for row in refused}
+    facts = {"is_of_depth": True in of_depth, "is_of_lens": False in of_depth}
+    asked = tuple(_finding(ScanKind.PARAMETER_IMPLAUSIBLE, row) for row in refused)
+    return (Finding(ScanKind.SENSOR_IMPLAUSIBLE, facts, parts=asked),)
 
 
-def _correction(row: SensorParameter) -> str:
-    """A parameter that is kept: what was measured or given wrongly, and what was done."""
-    off, sigma = row.departure, row.sigma or 0.0
-    too = "long" if off < 0 else "short"
-    match row.key:
-        case "depth_scale":
-            share = abs(1 / row.found - 1)
-            return f"depth was measured {share:.1%} too {too}: corrected by {row.found:.4f} +- {sigma:.4f}"
-        case "depth_offset_m":
-            return (
-                f"depth was measured {abs(off):.3f} m too {too} at every distance: corrected by "
-                f"{off:+.3f} +- {sigma:.3f} m"
-            )
-        case "depth_quadratic_per_m":
-            return (
-                f"depth was measured too {too} by its square, {abs(off) * FAR_M**2:.3f} m at {FAR_M:g} m: "
-                f"corrected by {off:+.4f} +- {sigma:.4f} times its square (1/m)"
-            )
-        case "focal_scale" | "focal_aspect":
-            which = "" if row.key == "focal_scale" else " in y"
-            share = abs(1 / row.found - 1)
-            return (
-                f"the focal length{which} was given {share:.1%} too {too}: corrected by "
-                f"{row.found:.4f} +- {sigma:.4f}"
-            )
-        case _:
-            axis = row.key[-1]
-            return (
-                f"the principal point was given {abs(off):.1f} px off in {axis}: moved by {off:+.1f} +- "
-                f"{sigma:.1f} px"
-            )
-
-
-def _request(row: SensorParameter) -> str:
-    """A parameter that is implausible: what it would have to be."""
-    off = row.departure
-    much = {
-        "": f"{abs(off):.1%}",
-        "m": f"{abs(off):.2f} m",
-        "1/m": f"{abs(off) * FAR_M**2:.2f} m at {FAR_M:g} m",
-        "px": f"{abs(off):.0f} px",
-    }[row.unit]
-    what = {
-        "depth_scale": "depth",
-        "depth_offset_m": "an offset of the depth",
-        "depth_quadratic_per_m": "depth by its square",
-        "focal_scale": "a focal length",
-        "focal_aspect": "a focal length in y",
-        "principal_x": "a principal point in x",
-        "principal_y": "a principal point in y",
-    }[row.key]
-    return f"{what} {much} off"
+def _finding(kind: Kind, row: SensorParameter) -> Finding:
+    facts = {"parameter": row.key, "unit": row.unit, "found": row.found}
+    return Finding(kind, facts | {"departure": row.departure, "sigma": row.sigma or 0.0})

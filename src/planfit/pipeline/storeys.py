@@ -151,9 +151,10 @@ def judge_storeys(
         part = structure.with_walls_of(structure.storeys == k)
         walls = wall_samples(part, se3.inverse(own.plan_from_own) @ solved)
         found = judge_adjusted(walls, own.floorplan, own.alignment, options)
-        doubt = f"{storeys.walked[k].name}: {found.doubt}" if found.doubt else ""
-        judged.append(replace(found, doubt=doubt))
-    least = min(judged, key=lambda each: (not each.doubt, each.score - each.runner_up_score))
+        if found.doubt is not None:
+            found = replace(found, doubt=found.doubt.about(storeys.walked[k].name))
+        judged.append(found)
+    least = min(judged, key=lambda each: (each.doubt is None, each.score - each.runner_up_score))
     others = (each.other_scale for each in judged if each.other_scale is not None)
     return replace(least, other_scale=next(others, None))
 
@@ -189,7 +190,7 @@ def in_shared_axes(
         sharing |= {surest, k}
         if _surety(anchor)[0]:
             # What fitted elsewhere as well is settled.
-            alignment = replace(alignment, is_as_recorded=True, is_sure=True, warnings=())
+            alignment = replace(alignment, is_as_recorded=True, is_sure=True, findings=())
         alignment = replace(alignment, plan_from_level=anchor.plan_from_level)
         found[k] = replace(own, plan_from_level=anchor.plan_from_level, alignment=alignment)
     return found, frozenset(sharing)

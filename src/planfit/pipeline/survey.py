@@ -13,11 +13,13 @@ from jaxtyping import Float, Int
 
 from planfit.adjust import build_problem
 from planfit.adjust.terms.control import ControlMarks
+from planfit.alignment import SETTLED_BY_POINTS
 from planfit.alignment.align import FULL_SAMPLES
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.refine import AlignmentHypothesis, explained
 from planfit.alignment.wall_samples import thin
 from planfit.errors import OptionError
+from planfit.findings import Finding, SurveyKind, some_ids
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.lsq import Problem
@@ -41,7 +43,6 @@ from planfit.survey import (
 )
 from planfit.survey.blunders import find_blunders
 from planfit.survey.fit import are_apart, are_on_a_line, height_shift, require_fit
-from planfit.survey.types import some_ids
 from planfit.tracking import choose_keyframes
 
 WELL_PLACED_M = 0.1
@@ -133,7 +134,7 @@ class HeldScan:
     """Whether control points alone say where the scan is, not the walls near there."""
     height_shift_m: float
     """Added to heights of the survey: heights above the floor."""
-    warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     __repr__ = short_repr
 
@@ -157,9 +158,9 @@ def hold_by_control(
     is_off = find_blunders(level, in_metres, walked_m)
     prepared = _without_points(prepared, idx[is_off])
     level, site = level[~is_off], site[~is_off]
-    warnings = _warnings(surveyed.survey, idx[is_off], site)
+    findings = _findings(surveyed.survey, idx[is_off], site)
     if not are_apart(level):
-        return replace(_near_points(prepared, level, site, own_datum), warnings=warnings)
+        return replace(_near_points(prepared, level, site, own_datum), findings=findings)
     fit = fit_site(level, site, is_metric, own_datum, is_robust=False)
     prepared = _straightened(prepared, fit.to_level(placed.xyz), options)
     # Once more: drift has bent what the first fit went by.
@@ -174,7 +175,7 @@ def hold_by_control(
         tuple(ControlPoint(p[:2], q[:2]) for p, q in zip(level, site, strict=True)),
         is_metric and not are_on_a_line(site) and _reach_m(prepared, level) < WELL_PLACED_M,
         height_shift(level, site, own_datum),
-        warnings,
+        findings,
     )
 
 
@@ -243,25 +244,15 @@ def _straightened(
     return replace(prepared, level_from_keys=poses)
 
 
-def _warnings(
+def _findings(
     survey: Survey, off: Int[np.ndarray, " b"], site: Float[np.ndarray, "p 3"]
-) -> tuple[str, ...]:
-    words = [
-        f"control point {survey.points[k].id!r} contradicts those beside it by more than drift can: it was "
-        "not used; check its coordinates and marks"
-        for k in off
-    ]
+) -> tuple[Finding, ...]:
+    found = [Finding(SurveyKind.POINT_NOT_USED, {"point": survey.points[k].id}) for k in off]
     if 0 < len(site) < 3:
-        words.append(
-            f"the scan sees {len(site)} of the control points that are used: fewer than three cannot tell "
-            "swapped axes or another unit; mark three or more, not on a line"
-        )
+        found.append(Finding(SurveyKind.FEW_POINTS_SEEN, {"point_count": len(site)}))
     elif len(site) >= 3 and are_on_a_line(site):
-        words.append(
-            "the control points stand on one line: they cannot tell a mirrored site from a right one; add a "
-            "point beside the line"
-        )
-    return tuple(words)
+        found.append(Finding(SurveyKind.POINTS_ON_A_LINE))
+    return tuple(found)
 
 
 def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPlan) -> ScanOnPlan:
@@ -286,8 +277,8 @@ def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPl
         xyz[:, :2] *= found.scale_xy
     if found is not None and held.fit is not None:
         # The search was held to the points: that the walls would leave the place open says nothing any more.
-        told = tuple(words for words in found.warnings if words not in found.ambiguous)
-        found = replace(found, is_surveyed=True, is_sure=True, warnings=told, ambiguous=())
+        told = tuple(each for each in found.findings if each.kind not in SETTLED_BY_POINTS)
+        found = replace(found, is_surveyed=True, is_sure=True, findings=told)
     has_datum = placed.has_own_datum and len(held.prepared.measurements.control) > 0
     if placed.has_own_datum and not has_datum:
         xyz[:, 2] = np.nan  # nothing tells where its heights count from
@@ -301,7 +292,7 @@ def on_plan_by_control(held: HeldScan, surveyed: SurveyedScan, on_plan: ScanOnPl
             height_datum_m=-held.height_shift_m + placed.origin[2] if has_datum else None,
             site_from_plan=site_from_plan,
             site_origin=placed.origin,
-            warnings=held.warnings,
+            findings=held.findings,
         ),
     )
 

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.left_out import PointLeftOut
+from planfit.findings import Finding, SurveyKind
 from planfit.pipeline.on_plan import SurveyOnPlan
 from planfit.pipeline.survey import SurveyedScan
 from planfit.survey import (
@@ -16,7 +17,6 @@ from planfit.survey import (
     measure_residuals,
     with_swaps,
 )
-from planfit.survey.types import some_ids
 
 
 def survey_residuals(
@@ -73,48 +73,41 @@ BELIEVED_FACTOR = 2.0
 something is not known."""
 
 
-def contradicted_words(points: Sequence[PointResidual]) -> list[str]:
-    """Points that the rest puts elsewhere, a sentence each; where it names some, those beside them are only
-    drawn along."""
-    words, told = [], set()
+def contradicted_points(points: Sequence[PointResidual]) -> list[Finding]:
+    """Points that the rest puts elsewhere; where it names some, those beside them are only drawn along."""
+    found, told = [], set()
     for point in points:
         if point.swapped_with and point.swapped_with not in told:
-            words.append(
-                f"control points {point.id!r} and {point.swapped_with!r} look swapped: without them, the "
-                "other evidence puts each in the other's place; check their ids"
-            )
+            both = {"point": point.id, "other_point": point.swapped_with}
+            found.append(Finding(SurveyKind.POINTS_SWAPPED, both))
             told.add(point.id)
         elif point.is_contradicted and not point.swapped_with:
-            words.append(
-                f"control point {point.id!r} contradicts the other evidence, which without it puts it "
-                f"{point.left_out_length_m:.2f} m from where it was surveyed "
-                f"({point.left_out_sigmas:.0f} sigmas); it ends {point.length_m:.2f} m off; check its "
-                "coordinates and marks, or leave it out"
-            )
+            facts = {"point": point.id, "residual_m": point.length_m}
+            facts |= {"left_out_m": point.left_out_length_m}
+            facts |= {"left_out_sigmas": point.left_out_sigmas}
+            found.append(Finding(SurveyKind.POINT_CONTRADICTED, facts))
     if any(point.is_contradicted for point in points):
-        return words
-    return words + [
-        f"control point {point.id!r} ends {point.length_m:.2f} m from where it was surveyed, against "
-        f"a sigma of {point.sigma_m:.3f} m: it contradicts the other evidence; check its coordinates "
-        "and marks"
+        return found
+    return found + [
+        Finding(
+            SurveyKind.POINT_OFF,
+            {"point": point.id, "residual_m": point.length_m, "sigma_m": point.sigma_m},
+        )
         for point in points
         if not (point.is_check or point.swapped_with)
         and point.length_m > CONTRADICTED_SIGMAS * np.sqrt(3) * point.sigma_m
     ]
 
 
-def survey_warnings(residuals: SurveyResiduals, predicted_rms_m: float) -> tuple[str, ...]:
-    """What a surveyor should look at, a sentence each."""
-    words = []
+def survey_findings(residuals: SurveyResiduals, predicted_rms_m: float) -> tuple[Finding, ...]:
+    """What a surveyor should look at."""
+    found = contradicted_points(residuals.points)
     if residuals.unseen:
-        words.append(f"no frame sees the surveyed points {some_ids(list(residuals.unseen))}")
-    words += contradicted_words(residuals.points)
+        found.insert(0, Finding(SurveyKind.POINTS_UNSEEN, {"points": residuals.unseen}))
     check = residuals.check
     if check is not None:
         sigma_m = np.sqrt(3) * np.median([p.sigma_m for p in residuals.points if p.is_check])
         if check.rms_m > BELIEVED_FACTOR * np.hypot(predicted_rms_m, sigma_m):
-            words.append(
-                f"check points are off by {check.rms_m:.2f} m (RMS), more than the predicted error of "
-                f"{predicted_rms_m:.2f} m: believe the check points, and see which are off in the report"
-            )
-    return tuple(words)
+            facts = {"rms_m": check.rms_m, "predicted_rms_m": predicted_rms_m}
+            found.append(Finding(SurveyKind.CHECK_POINTS_OFF, facts))
+    return tuple(found)

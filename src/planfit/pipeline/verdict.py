@@ -13,9 +13,10 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment import OTHER_SCALE_ADVICE, other_scale_words
+from planfit.alignment import other_scale_finding
+from planfit.findings import Finding, ResultKind
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.reservations import Reservation, reservations_of
+from planfit.pipeline.reservations import reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import short_repr
 
@@ -30,6 +31,12 @@ correlated with what is left."""
 MIN_VISITS_ALONE = 3
 """Without a plan, the solve without one of fewer visits has next to nothing that closes loops: that it puts
 what the visit saw where the tracker did says nothing of the result."""
+
+
+NO_BETTER_ADVICE = (
+    "use the recorded poses; check that it is the right plan, storey and unit, and see the report for where "
+    "scan and plan part"
+)
 
 
 class Outcome(StrEnum):
@@ -48,11 +55,10 @@ class Verdict:
     """What the evidence says of a result."""
 
     outcome: Outcome
-    reasons: tuple[str, ...]
-    """Why it is no better, or what speaks for it: a sentence each."""
-    reservations: tuple[Reservation, ...]
-    advice: str
-    """What to do next, for the whole."""
+    because: tuple[Finding, ...]
+    """Why it is no better, or what speaks for it."""
+    reservations: tuple[Finding, ...]
+    """Parts of the result that are not vouched for, and why."""
     predicted_error_m: Float[np.ndarray, " n"]
     """Of each camera position, one standard deviation of its length."""
     is_tracked: bool = True
@@ -64,6 +70,33 @@ class Verdict:
     def is_refined(self) -> bool:
         """Whether the poses can be used as they are."""
         return self.outcome is Outcome.REFINED
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is no better, or what speaks for it: a sentence each."""
+        return tuple(each.words for each in self.because)
+
+    @property
+    def further_reasons(self) -> tuple[str, ...]:
+        """Those that the headline does not have."""
+        return self.reasons if self.outcome is Outcome.IMPROVED else self.reasons[1:]
+
+    @property
+    def further_reservations(self) -> tuple[Finding, ...]:
+        """Those that the headline does not have."""
+        if self.outcome is Outcome.IMPROVED:
+            return self.reservations[1:]
+        return tuple(each for each in self.reservations if each.kind is not self.because[0].kind)
+
+    @property
+    def advice(self) -> str:
+        """What to do next, for the whole."""
+        if self.outcome is Outcome.NO_BETTER:
+            return self.because[0].advice or NO_BETTER_ADVICE
+        if self.outcome is Outcome.IMPROVED:
+            first = self.reservations[0].advice
+            return f"use the refined poses except for the frames named; then {first}"
+        return "use the refined poses"
 
     @property
     def headline(self) -> str:
@@ -89,27 +122,19 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         )
     against = _against(evidence, options)
     reservations = reservations_of(evidence, options)
-    doubt = evidence.tracking_doubt
+    doubt, scale = evidence.tracking_doubt, evidence.other_scale
     if against and doubt is not None:
-        outcome, reasons, advice = Outcome.NO_BETTER, (doubt.what, *against), doubt.advice
-    elif against and evidence.other_scale is not None:
+        outcome, because = Outcome.NO_BETTER, (doubt, *against)
+    elif against and scale is not None:
         # A plan at a wrong scale explains all that follows from it.
-        outcome, reasons = Outcome.NO_BETTER, (other_scale_words(evidence.other_scale), *against)
-        advice = OTHER_SCALE_ADVICE
+        outcome, because = Outcome.NO_BETTER, (other_scale_finding(scale), *against)
     elif against:
-        outcome, reasons = Outcome.NO_BETTER, against
-        advice = (
-            "use the recorded poses; check that it is the right plan, storey and unit, and see the report "
-            "for where scan and plan part"
-        )
-    elif reservations:
-        outcome, reasons = Outcome.IMPROVED, _in_favour(evidence)
-        advice = "use the refined poses except for the frames named; then " + reservations[0].advice
+        outcome, because = Outcome.NO_BETTER, against
     else:
-        outcome, reasons = Outcome.REFINED, _in_favour(evidence)
-        advice = "use the refined poses"
+        outcome = Outcome.IMPROVED if reservations else Outcome.REFINED
+        because = _in_favour(evidence)
     return Verdict(
-        outcome, reasons, reservations, advice, evidence.predicted_error_m, is_tracked=doubt is None
+        outcome, because, reservations, evidence.predicted_error_m, is_tracked=doubt is None
     )
 
 
@@ -119,54 +144,48 @@ def is_apart(before_m: float, after_m: float) -> bool:
     return after_m > 1.1 * before_m + 0.02
 
 
-def _in_favour(evidence: Evidence) -> tuple[str, ...]:
+def _in_favour(evidence: Evidence) -> tuple[Finding, ...]:
     """What was done, and what was kept out and agrees."""
-    moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
-    reasons = [
-        f"cameras were moved by {moved:.2f} m and are predicted to be within about {error:.2f} m (both RMS)",
-        evidence.predicted_words,
+    worst = evidence.worst_frame
+    error = {"predicted_rms_m": evidence.predicted_rms_m}
+    worst_m = float(evidence.predicted_error_m[worst])
+    found = [
+        Finding(ResultKind.CAMERAS_MOVED, {"moved_rms_m": evidence.correction_rms_m, **error}),
+        Finding(ResultKind.ERROR_EXPECTED, {"worst_m": worst_m, **error}, ((worst, worst),)),
     ]
     if evidence.visit_distances_m:
         before, after = evidence.visit_distances_m
-        reasons.append(
-            f"places seen again agree to {after:.3f} m in solves that did without them "
-            f"({before:.3f} m before)"
-        )
+        found.append(Finding(ResultKind.REVISITS_AGREE, {"before_m": before, "after_m": after}))
     if evidence.near_shares:
         before, after = evidence.near_shares
-        reasons.append(
-            f"{after:.0%} of the wall patches lie on the plan in solves that did without them ({before:.0%} "
-            "before)"
+        found.append(
+            Finding(ResultKind.WALLS_ON_PLAN, {"before_share": before, "after_share": after})
         )
-    return tuple(reasons)
+    return tuple(found)
 
 
-def _against(evidence: Evidence, options: VerdictOptions) -> tuple[str, ...]:
+def _against(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
     """Why the recorded poses are to be preferred."""
-    reasons = []
-    if evidence.alignment is not None and evidence.alignment.doubt:
-        reasons.append(f"the place on the plan is not certain: {evidence.alignment.doubt}")
+    found = []
+    if evidence.alignment is not None and evidence.alignment.doubt is not None:
+        found.append(Finding(ResultKind.PLACE_NOT_CERTAIN, parts=(evidence.alignment.doubt,)))
     is_told = not evidence.is_alone or len(evidence.visits) >= MIN_VISITS_ALONE
     if evidence.visit_distances_m and is_told:
         before, after = evidence.visit_distances_m
         if is_apart(before, after):
-            reasons.append(
-                f"places seen again came apart, from {before:.3f} to {after:.3f} m, in solves that did "
-                "without them"
+            found.append(
+                Finding(ResultKind.REVISITS_CAME_APART, {"before_m": before, "after_m": after})
             )
     if evidence.near_shares:
         before, after = evidence.near_shares
         if after < before - 0.05:
-            reasons.append(
-                f"walls left the plan, from {before:.0%} to {after:.0%} on it, in solves that did without "
-                "them"
-            )
+            shares = {"before_share": before, "after_share": after}
+            found.append(Finding(ResultKind.WALLS_LEFT_PLAN, shares))
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
     share = WORTH_SHARE_ALONE if evidence.is_alone else WORTH_SHARE
     rival = evidence.rival_error_m
     is_worthless = np.sqrt(max(error**2 - rival**2, 0.0)) > share * moved
     if error > options.max_error_m and (is_worthless or rival > WORTH_SHARE_OF_RIVALS * moved):
-        reasons.append(
-            f"the predicted error, {error:.2f} m, is too large a part of what was corrected, {moved:.2f} m"
-        )
-    return tuple(reasons)
+        facts = {"predicted_rms_m": error, "moved_rms_m": moved}
+        found.append(Finding(ResultKind.ERROR_TOO_LARGE, facts))
+    return tuple(found)

@@ -125,8 +125,7 @@ def verdict_in_words(
     """The outcome, what speaks for it, and what became better or worse, in plain words."""
     verdict = result.verdict
     words = f"{verdict.headline[0].upper()}{verdict.headline[1:]}."
-    told = [reason for reason in verdict.reasons if reason not in verdict.headline]
-    words += "".join(f" {reason[0].upper()}{reason[1:]}." for reason in told)
+    words += "".join(f" {each[0].upper()}{each[1:]}." for each in verdict.further_reasons)
     judged = metrics[: len(result.checks)]
     for name, chosen in (
         ("Better", [m for m in judged if m.is_improved and not m.is_worse]),

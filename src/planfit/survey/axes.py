@@ -7,8 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.errors import OptionError
+from planfit.findings import some_ids
 from planfit.floorplan import Floorplan
-from planfit.survey.types import Survey, SurveyAxes, some_ids
+from planfit.survey.types import Survey, SurveyAxes
 
 OUTSIDE_SHARE = 0.5
 """A point may lie so far outside of the plan's faces, as a share of their extent: control points stand in

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
+from planfit.findings import some_ids
 from planfit.geometry.calibration import SensorCalibration
 from planfit.runtime import short_repr
 
@@ -121,8 +122,3 @@ class LiftedMarks:
         is_camera = (self.points_cam == 0).all(axis=1)
         points = np.where(is_camera[:, None], 0.0, sensor.points(self.points_cam))
         return replace(self, points_cam=points)
-
-
-def some_ids(ids: list[str]) -> str:
-    """For messages: the first few."""
-    return ", ".join(ids[:6]) + (f" and {len(ids) - 6} more" if len(ids) > 6 else "")

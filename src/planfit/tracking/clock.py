@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.findings import Finding, PoseKind
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
 from planfit.tracking.noise import FREEDOM, noise_factors
@@ -69,22 +70,10 @@ class ClockOffset:
         )
 
     @property
-    def sentence(self) -> str:
+    def finding(self) -> Finding:
         """For the user."""
-        if self.offset_s is None:
-            size = f"{abs(self.intervals):.2g} frames"
-        else:
-            size = f"{1000 * abs(self.offset_s):.0f} ms"
-        which = "later" if self.intervals > 0 else "earlier"
-        if self.is_read:
-            return (
-                f"images are {size} {which} than their poses: poses were read from the trajectory at the "
-                "images' times"
-            )
-        return (
-            f"images are about {size} {which} than their poses, and frames are too far apart to read poses "
-            "between them: they stay as recorded; export the scan with more frames a second"
-        )
+        kind = PoseKind.CLOCK_CORRECTED if self.is_read else PoseKind.CLOCK_OFF
+        return Finding(kind, {"offset_s": self.offset_s, "offset_frames": self.intervals})
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ def join_trackings(
 ) -> Tracking:
     """One tracking of all frames, in the joined world.
 
-    Breaks keep their words behind the name of their scan. What was found of clocks and conventions is each
+    Findings of breaks name their scan. What was found of clocks and conventions is each
     scan's own.
 
     Args:
@@ -53,7 +53,7 @@ def join_trackings(
             found,
             first_frame=found.first_frame + scan.first,
             last_frame=found.last_frame + scan.first,
-            reason=f"{scan.name}: {found.reason}",
+            finding=found.finding.about(scan.name),
         )
         for tracking, scan in zip(trackings, scans, strict=True)
         for found in tracking.breaks

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.errors import ScanError
+from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 from planfit.tracking.breaks import Displacement, find_displacement
@@ -370,13 +371,10 @@ def _mended(
 
 
 def _described(recorded: Poses, corrected: Poses, d: Displacement) -> TrackingBreak:
-    """A displacement in words."""
+    """A displacement, for the user."""
     if d.last == len(recorded) - 1:
         return describe_jump(recorded, corrected, d.first - 1, d.n_motions, "images")
     moved = size_of(se3.inverse(recorded[d.first]) @ corrected[d.first])
-    which = f"frame {d.first} is" if d.first == d.last else f"frames {d.first}-{d.last} are"
-    reason = (
-        f"{which} recorded {moved[0]:.1f} m and {moved[1]:.0f} degrees away from where the images show "
-        "them: corrected"
-    )
-    return TrackingBreak("outlier", d.first, d.last, moved, moved, d.n_motions, reason)
+    facts = {"displacement_m": moved[0], "displacement_deg": moved[1]}
+    finding = Finding(PoseKind.FRAMES_DISPLACED, facts, ((d.first, d.last),))
+    return TrackingBreak("outlier", d.first, d.last, moved, moved, d.n_motions, finding)

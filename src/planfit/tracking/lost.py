@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
@@ -336,31 +337,23 @@ def _longest_part(n: int, lost: Sequence[LostRun]) -> int:
 
 
 def _described(recorded: Poses, filled: Filled, run: LostRun) -> list[TrackingBreak]:
-    """A run of lost frames in words, and where the tracker took up again elsewhere."""
+    """A run of lost frames, and where the tracker took up again elsewhere."""
     before, after = max(run.first - 1, 0), min(run.last + 1, len(recorded) - 1)
-    poses, n_frames = filled.poses, run.last - run.first + 1
+    poses = filled.poses
     moved = size_of(se3.inverse(poses[before]) @ poses[after])
-    which = f"frame {run.first}" if n_frames == 1 else f"frames {run.first}-{run.last}"
     open_steps = filled.open_steps[(filled.open_steps >= before) & (filled.open_steps < after)]
-    done = "placed by the motions that the images show"
-    if len(open_steps):
-        after_frames = ", ".join(map(str, open_steps[:5].tolist()))
-        done = f"guessed in part, as neighbouring images do not match after frame {after_frames}"
+    guessed = {"unmatched_after_frames": tuple(open_steps.tolist())}
     if run.kind == "frozen":
         last = run.last + (not run.knows_its_place)
         shown = size_of(se3.inverse(poses[before]) @ poses[last])
-        reason = (
-            f"the recorded pose stands still from frame {before} to {last}, where the images move by "
-            f"{shown[0]:.1f} m and {shown[1]:.0f} degrees: {done}"
-        )
-        found = [TrackingBreak("frozen", before, last, (0.0, 0.0), shown, 0, reason)]
+        facts = {"moved_m": shown[0], "moved_deg": shown[1], **guessed}
+        finding = Finding(PoseKind.POSE_STANDS_STILL, facts, ((before, last),))
+        found = [TrackingBreak("frozen", before, last, (0.0, 0.0), shown, 0, finding)]
     else:
-        verb = "has" if n_frames == 1 else "have"
-        reason = (
-            f"{which} ({n_frames} of {len(recorded)}) {verb} the identity as pose, as trackers write it that "
-            f"are lost: {done}"
-        )
-        found = [TrackingBreak("lost", run.first, run.last, (0.0, 0.0), moved, 0, reason)]
+        count = run.last - run.first + 1
+        facts = {"lost_count": count, "frame_count": len(recorded), **guessed}
+        finding = Finding(PoseKind.POSES_LOST, facts, ((run.first, run.last),))
+        found = [TrackingBreak("lost", run.first, run.last, (0.0, 0.0), moved, 0, finding)]
     if run.first == 0 or run.last == len(recorded) - 1:
         return found
     was = size_of(se3.inverse(recorded[before]) @ recorded[after])
@@ -370,8 +363,6 @@ def _described(recorded: Poses, filled: Filled, run: LostRun) -> list[TrackingBr
     length, angle = size_of(departure)
     if length < NAMED_M and angle < NAMED_DEG:
         return found
-    reason = (
-        f"after the lost {which} the tracker goes on {length:.1f} m and {angle:.0f} degrees away from where "
-        f"it should: the frames from {after} on are {done}"
-    )
-    return [*found, TrackingBreak("jump", after - 1, after, was, moved, 0, reason)]
+    facts = {"departure_m": length, "departure_deg": angle, "next_frame": after, **guessed}
+    finding = Finding(PoseKind.ELSEWHERE_AFTER_LOST, facts, ((run.first, run.last),))
+    return [*found, TrackingBreak("jump", after - 1, after, was, moved, 0, finding)]

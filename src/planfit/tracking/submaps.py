@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.matching.cycles import spanned_steps
@@ -331,13 +332,11 @@ def _linked_by_votes(placed: _Placed, open_steps: Int[np.ndarray, " o"]) -> list
 
 
 def _described_found(step: int, poses: np.ndarray, n_votes: int) -> TrackingBreak:
-    """A step about lost frames that revisits told, in words."""
+    """A step about lost frames that revisits told."""
     size = size_of(se3.inverse(poses[step]) @ poses[step + 1])
-    reason = (
-        f"after frame {step}, where tracking was lost, the walk goes on {size[0]:.1f} m and {size[1]:.0f} "
-        f"degrees further: placed by {n_votes} revisits"
-    )
-    return TrackingBreak("lost", step, step + 1, size, size, n_votes, reason)
+    facts = {"step_m": size[0], "step_deg": size[1], "revisit_count": n_votes}
+    finding = Finding(PoseKind.PLACED_BY_REVISITS, facts, ((step, step + 1),))
+    return TrackingBreak("lost", step, step + 1, size, size, n_votes, finding)
 
 
 def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
@@ -345,12 +344,8 @@ def _unplaced(tracking: Tracking, changed: np.ndarray) -> Tracking:
     first, last = int(changed[0]), int(changed[-1]) + 1
     poses = tracking.world_from_cams
     size = size_of(se3.inverse(poses[first]) @ poses[last])
-    reason = (
-        f"revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "
-        "images do not match, but not enough of them show where: left as recorded; look at these frames in "
-        "the report, or scan that part again"
-    )
-    found = TrackingBreak("jump", first, last, size, size, 0, reason)
+    finding = Finding(PoseKind.REVISITS_CONTRADICT_MOTION, frames=((first, last),))
+    found = TrackingBreak("jump", first, last, size, size, 0, finding)
     breaks = tuple(sorted((*tracking.breaks, found), key=lambda b: b.first_frame))
     return replace(
         tracking,

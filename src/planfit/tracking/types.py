@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.findings import Finding, PoseKind, sentences_of
 from planfit.geometry import se3
 from planfit.runtime import short_repr
 from planfit.scan.odometry import Odometry, usual_step
@@ -31,23 +32,8 @@ class TrackingBreak:
     """Over a jump the motion that takes its place, m and degrees; else how far the frames were moved."""
     n_motions: int
     """Measured motions that say so; 0 where only continuity or the plan does."""
-    reason: str
-    """A sentence for the user."""
-
-
-@dataclass(frozen=True)
-class TrackingDoubt:
-    """Why recorded poses as a whole say nothing of the images."""
-
-    what: str
-    """A sentence without its full stop."""
-    advice: str
-    """What to do."""
-
-    @property
-    def words(self) -> str:
-        """Both, for a user."""
-        return f"{self.what}: {self.advice}"
+    finding: Finding
+    """The same for the user."""
 
 
 @dataclass(frozen=True)
@@ -121,46 +107,39 @@ class Tracking:
         return tuple((int(k), int(k) + 1) for k in jumps[is_leap])
 
     @property
-    def doubt(self) -> TrackingDoubt | None:
+    def doubt(self) -> Finding | None:
         """Why the recorded poses as a whole say nothing of these images; None where they do."""
         fit, n = self.convention_fit, len(self.world_from_cams)
         if self.n_repeated:
-            return TrackingDoubt(
-                f"the recorded poses of {self.n_repeated} of {n} frames repeat the one before while the "
-                "images move, and say nothing of where the camera was",
-                "export the scan with its poses, or give those of another tracker with --poses",
-            )
+            facts = {"repeated_count": self.n_repeated, "frame_count": n}
+            return Finding(PoseKind.POSES_REPEAT, facts)
         if fit is not None and fit.is_unexplained:
-            return TrackingDoubt(
-                f"the recorded poses explain only {fit.share:.0%} of {fit.n_motions} motions between "
-                "neighbouring images, and no usual convention explains more",
-                "check that poses and images belong to one recording, in the same order",
-            )
+            facts = {"explained_share": fit.share, "motion_count": fit.n_motions}
+            return Finding(PoseKind.MOTIONS_UNEXPLAINED, facts)
         return None
 
     @property
-    def warnings(self) -> tuple[str, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """What a user should know of the recorded poses."""
-        notes = []
-        fit = self.convention_fit
+        found = []
+        fit, factor = self.convention_fit, max(self.sigma_factors)
         if fit is not None and fit.is_own_unit and fit.is_clear:
-            notes.append(
-                "the recorded motion is not in metres: by what images and depth show of it, its unit is "
-                f"{self.metres_per_unit:.3g} m, and poses were multiplied by that; if they are in "
-                "metres, depth is in the wrong unit: give --depth-scale"
-            )
+            facts = {"metres_per_unit": self.metres_per_unit}
+            found.append(Finding(PoseKind.POSES_IN_OWN_UNIT, facts))
         elif self.convention != "recorded":
-            notes.append(f"the recorded poses were taken as {self.convention}")
+            found.append(Finding(PoseKind.CONVENTION_TAKEN, {"convention": self.convention}))
         if self.clock is not None:
-            notes.append(self.clock.sentence)
+            found.append(self.clock.finding)
         if self.doubt is not None:
-            notes.append(self.doubt.words)
-        if max(self.sigma_factors) > NOTED_FACTOR:
-            notes.append(
-                f"the tracker errs about {max(self.sigma_factors):.1f} times more than usual between "
-                "frames: its motion was believed less"
-            )
-        return (*notes, *(b.reason for b in self.breaks))
+            found.append(self.doubt)
+        if factor > NOTED_FACTOR:
+            found.append(Finding(PoseKind.TRACKER_NOISY, {"sigma_factor": factor}))
+        return (*found, *(b.finding for b in self.breaks))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The same in words."""
+        return sentences_of(self.findings)
 
 
 LEAP, LEAP_M = 4.0, 2.0
@@ -206,13 +185,12 @@ def describe_jump(
     n_motions: int,
     witness: str,
 ) -> TrackingBreak:
-    """A jump after a frame, which the `witness` (images, revisits) contradicts, in words."""
+    """A jump after a frame, which the `witness` (images, revisits) contradicts."""
     was, now = (size_of(se3.inverse(p[frame]) @ p[frame + 1]) for p in (recorded, corrected))
-    reason = (
-        f"the recorded motion jumps by {was[0]:.1f} m and {was[1]:.0f} degrees after frame {frame}, "
-        f"where the {witness} show a step of {now[0]:.1f} m and {now[1]:.0f} degrees: corrected"
-    )
-    return TrackingBreak("jump", frame, frame + 1, was, now, n_motions, reason)
+    facts = {"recorded_m": was[0], "recorded_deg": was[1], "witness": witness}
+    facts |= {"corrected_m": now[0], "corrected_deg": now[1]}
+    finding = Finding(PoseKind.JUMP_CORRECTED, facts, ((frame, frame + 1),))
+    return TrackingBreak("jump", frame, frame + 1, was, now, n_motions, finding)
 
 
 def size_of(motion: Float[np.ndarray, "4 4"]) -> tuple[float, float]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
+from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
 from planfit.matching.types import count_loops
@@ -75,13 +76,11 @@ class SurfacePairs:
         return np.linalg.norm(np.einsum("pij,pj->pi", vectors, along)[:, 3:], axis=1)
 
     @property
-    def sentence(self) -> str:
+    def finding(self) -> Finding:
         """How many there are, and how many leave directions free."""
-        n = int((self.n_free > 0).sum())
-        return (
-            f"{len(self)} pairs of frames were matched by geometry alone, "
-            f"of which {n} leave a direction free"
-        )
+        n_free = int((self.n_free > 0).sum())
+        facts = {"pair_count": len(self), "free_pair_count": n_free}
+        return Finding(ScanKind.MATCHED_BY_GEOMETRY, facts)
 
     def n_loops(self, neighbours: int, keyframe_idx: Int[np.ndarray, " k"] | None = None) -> int:
         """Pairs that are further apart in time than `neighbours` frames, or keyframes."""

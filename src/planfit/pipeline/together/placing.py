@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import FloorplanError
+from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.matching.between_scans import ScansSeen
@@ -23,6 +24,7 @@ from planfit.runtime import Runtime, StageTimer
 
 PlacedBy = Literal["the first", "places seen in both", "the plan"]
 """How the place of a scan among the others was found."""
+UNLINKED = Finding(SurveyKind.SCAN_UNLINKED)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Placing:
 
     places: tuple[Place, ...]
     """In the order of the scans."""
-    reasons: dict[int, str]
+    reasons: dict[int, tuple[Finding, ...]]
     """By the number of each scan without a place."""
 
 
@@ -125,20 +127,17 @@ def place_groups(
     if len(groups) == 1:
         return _placed([(by_size[0], np.eye(4))], {})
     if floorplan is None:
-        reason = "none of the other scans shows the same places"
-        others = {k: reason for group in by_size[1:] for k in group.members}
+        others = {k: (UNLINKED,) for group in by_size[1:] for k in group.members}
         return _placed([(by_size[0], np.eye(4))], others)
     sure: list[tuple[Group, Float[np.ndarray, "4 4"]]] = []
-    unsure: dict[int, str] = {}
+    unsure: dict[int, tuple[Finding, ...]] = {}
     plan = floorplan
     for group in by_size:
         own = _own_options(options, has_first=0 in group.members)
         found = _align_group(observed, group, seen, verified, plan, own, runtime, timer)
         doubt = _doubt(found, own)
-        if doubt:
-            unsure |= dict.fromkeys(
-                group.members, f"none of the other scans shows the same places, and {doubt}"
-            )
+        if doubt is not None:
+            unsure |= dict.fromkeys(group.members, (UNLINKED, doubt))
             continue
         assert isinstance(found, ScanOnPlan)
         assert found.floorplan is not None
@@ -152,7 +151,8 @@ def place_groups(
 
 
 def _placed(
-    groups: Sequence[tuple[Group, Float[np.ndarray, "4 4"]]], reasons: dict[int, str]
+    groups: Sequence[tuple[Group, Float[np.ndarray, "4 4"]]],
+    reasons: dict[int, tuple[Finding, ...]],
 ) -> Placing:
     """All members of groups with a place, given common_from_root of each."""
     common = {
@@ -208,20 +208,17 @@ def _align_group(
         return error
 
 
-def _doubt(found: ScanOnPlan | FloorplanError, options: RefineOptions) -> str:
-    """Why the plan does not say where a group is; empty where it does."""
+def _doubt(found: ScanOnPlan | FloorplanError, options: RefineOptions) -> Finding | None:
+    """Why the plan does not say where a group is; None where it does."""
     if isinstance(found, FloorplanError):
-        return f"the plan does not fit it ({found})"
+        return Finding(SurveyKind.SCAN_OFF_PLAN, {"error": str(found)})
     if found.alignment is None:
-        return "it shows no wall to be aligned with the plan by"
+        return Finding(SurveyKind.SCAN_WITHOUT_WALLS)
     if found.alignment.score < options.align.min_score:
-        return (
-            f"the plan explains only {found.alignment.score:.0%} of its walls wherever it is put: is it of "
-            "another storey or building?"
-        )
+        return Finding(SurveyKind.SCAN_ON_OTHER_PLAN, {"wall_share": found.alignment.score})
     if not found.alignment.is_sure:
-        return "it fits the plan in more than one place"
-    return ""
+        return Finding(SurveyKind.SCAN_IN_MANY_PLACES)
+    return None
 
 
 def of_scans(

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from planfit.errors import OptionError
+from planfit.findings import Finding
 from planfit.floorplan import Floorplan
 from planfit.matching.between_scans import retrieve_between, verify_between
 from planfit.matching.pairs import distinct_views
@@ -88,13 +89,13 @@ def refine_together(
     made_of = replace(together.made_of, options=chosen)
     together = replace(together, scans=frames, seconds_by_stage=seconds, made_of=made_of)
     refined = [
-        RefinedScan(name, scan, None, placing.reasons.get(k, ""), None)
+        RefinedScan(name, scan, None, placing.reasons.get(k, ()), None)
         for k, (name, scan) in enumerate(zip(names, scans, strict=True))
     ]
     for k, place in enumerate(placing.places):
         result = result_of_scan(observed[place.scan], k, joined, together, chosen)
         refined[place.scan] = replace(refined[place.scan], placed_by=place.by, result=result)
-    together = replace(together, warnings=_warnings(refined, together.warnings))
+    together = replace(together, findings=_findings(refined, together.findings))
     is_between = np.diff(_number_of_scan(joined)[joined.observations.matches.pairs], axis=1) != 0
     return TogetherResult(together, tuple(refined), int(is_between.sum()))
 
@@ -148,16 +149,20 @@ def _joint_options(options: RefineOptions, placed: Sequence[ObservedScan]) -> Re
     return replace(options, calibration=replace(options.calibration, min_sigmas=NEVER))
 
 
-def _warnings(refined: Sequence[RefinedScan], of_all: tuple[str, ...]) -> tuple[str, ...]:
+def _findings(refined: Sequence[RefinedScan], of_all: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Scans without a place first, then what is said of single scans, by name, and of all."""
-    told = [each.sentence for each in refined if each.result is None]
+    left_out = [each.finding for each in refined if each.result is None]
     own = [
-        f"{each.name}: {warning}"
+        found.about(each.name)
         for each in refined
         if each.result is not None
-        for warning in each.result.warnings
+        for found in each.result.findings
     ]
-    return tuple(dict.fromkeys((*told, *own, *of_all)))
+    found: list[Finding] = []
+    for each in (*left_out, *own, *of_all):
+        if each not in found:  # breaks of the joined walk are those of its scans
+            found.append(each)
+    return tuple(found)
 
 
 def _number_of_scan(joined: JoinedScans) -> np.ndarray:

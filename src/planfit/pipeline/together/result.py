@@ -7,13 +7,14 @@ from typing import TypeVar
 
 from planfit.adjust import PlanAdjustment
 from planfit.adjust.association import Association
+from planfit.findings import Finding, SurveyKind
 from planfit.geometry import se3
 from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.links import Link
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult, above, to_recorded_axes
-from planfit.pipeline.sensor import sensor_parameters, sensor_warnings
+from planfit.pipeline.sensor import sensor_findings, sensor_parameters
 from planfit.pipeline.together.joined import JoinedScans
 from planfit.pipeline.together.observed import ObservedScan
 from planfit.pipeline.together.placing import PlacedBy
@@ -39,8 +40,8 @@ class RefinedScan:
     """As recorded."""
     placed_by: PlacedBy | None
     """How its place among the others was found; None where it has none."""
-    reason: str
-    """Why it has no place, in words; empty where it has one."""
+    reasons: tuple[Finding, ...]
+    """Why it has no place; none where it has one."""
     result: RefineResult | None
     """As a run of this scan alone would tell it: its own frames, world and verdict; poses from the solve of
     all. None where it has no place: its poses stay as recorded."""
@@ -48,15 +49,9 @@ class RefinedScan:
     __repr__ = short_repr
 
     @property
-    def sentence(self) -> str:
-        """Its place, for a user."""
-        if self.result is None:
-            return (
-                f"{self.name} has no place and was left out, its poses as recorded: {self.reason}"
-            )
-        if self.placed_by == "the first":
-            return f"{self.name}: the other scans are placed against it"
-        return f"{self.name}: placed by {self.placed_by}"
+    def finding(self) -> Finding:
+        """Why it was left out, where it has no place."""
+        return Finding(SurveyKind.SCAN_LEFT_OUT, {"scan": self.name}, parts=self.reasons)
 
 
 @dataclass(frozen=True)
@@ -142,7 +137,7 @@ def result_of_scan(
         adjustment=_adjustment_of(together, own),
         solved_frame_idx=together.solved_frame_idx[is_key] - own.first,
         checks=tuple(check for check in checks if check),
-        warnings=(*observed.tracking.warnings, *sensor_warnings(parameters)),
+        findings=(*observed.tracking.findings, *sensor_findings(parameters)),
         verdict=judge(evidence, options.verdict),
         evidence=evidence,
         tracking=observed.tracking,

@@ -6,7 +6,7 @@ from pathlib import PurePath
 
 import numpy as np
 
-from planfit.adjust.observability import frame_ranges
+from planfit.findings import frame_ranges
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys

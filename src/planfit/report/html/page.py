@@ -11,10 +11,11 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
+from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
-from planfit.pipeline.survey_residuals import contradicted_words
+from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.certainty_section import certainty, disagreement_section
@@ -159,7 +160,7 @@ def _seen_on_plan(shown: Shown) -> str:
 def _certainty(shown: Shown) -> str:
     """How sure each frame is, and what contradicts what, control points among it."""
     result, survey = shown.result, shown.result.survey
-    points = [] if survey is None else contradicted_words(survey.points)
+    points = [] if survey is None else sentences_of(contradicted_points(survey.points))
     return certainty(result, shown.truth) + disagreement_section(
         result.evidence.disagreements, points
     )

@@ -7,9 +7,10 @@ import numpy as np
 
 from planfit.as_built import AsBuilt
 from planfit.evaluation import NEAR_FACE_M
+from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
-from planfit.pipeline.sensor import SensorParameter, sensor_warnings
+from planfit.pipeline.sensor import SensorParameter, sensor_findings
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
@@ -276,7 +277,7 @@ def farthest_point_m(result: RefineResult) -> float:
 
 
 def _sensor_words(rows: Sequence[SensorParameter]) -> str:
-    said = "; ".join(sensor_warnings(rows))
+    said = "; ".join(sentences_of(sensor_findings(rows)))
     if said:
         return f"{said[0].upper()}{said[1:]}."
     return (

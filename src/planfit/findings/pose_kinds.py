@@ -1,0 +1,96 @@
+"""Findings of how far recorded poses are believed, and their words."""
+
+from planfit.findings.message import Kind, note, reservation, warning
+
+
+def _clock(offset_s: float | None, offset_frames: float) -> str:
+    """ "30 ms later than their poses"."""
+    size = f"{abs(offset_frames):.2g} frames"
+    if offset_s is not None:
+        size = f"{1000 * abs(offset_s):.0f} ms"
+    return f"{size} {'later' if offset_frames > 0 else 'earlier'} than their poses"
+
+
+def _done(unmatched_after_frames: tuple[int, ...]) -> str:
+    """What became of lost frames."""
+    if not unmatched_after_frames:
+        return "placed by the motions that the images show"
+    after = ", ".join(str(frame) for frame in unmatched_after_frames[:5])
+    return f"guessed in part, as neighbouring images do not match after frame {after}"
+
+
+class PoseKind(Kind):
+    """How far recorded poses are believed."""
+
+    POSES_IN_OWN_UNIT = note(
+        "the recorded motion is not in metres: by what images and depth show of it, its unit is "
+        "{metres_per_unit:.3g} m, and poses were multiplied by that",
+        "if they are in metres, depth is in the wrong unit: give --depth-scale",
+    )
+    CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
+    CLOCK_CORRECTED = note(
+        ("images are ", _clock, ": poses were read from the trajectory at the images' times")
+    )
+    CLOCK_OFF = warning(
+        (
+            "images are about ",
+            _clock,
+            ", and frames are too far apart to read poses between them: they stay as recorded",
+        ),
+        "export the scan with more frames a second",
+    )
+    POSES_REPEAT = reservation(
+        "the recorded poses of {repeated_count} of {frame_count} frames repeat the one before while the "
+        "images move, and say nothing of where the camera was",
+        "export the scan with its poses, or give those of another tracker with --poses",
+        joint=": ",
+    )
+    MOTIONS_UNEXPLAINED = reservation(
+        "the recorded poses explain only {explained_share:.0%} of {motion_count} motions between "
+        "neighbouring images, and no usual convention explains more",
+        "check that poses and images belong to one recording, in the same order",
+        joint=": ",
+    )
+    TRACKER_NOISY = note(
+        "the tracker errs about {sigma_factor:.1f} times more than usual between frames: its motion was "
+        "believed less"
+    )
+    JUMP_CORRECTED = note(
+        "the recorded motion jumps by {recorded_m:.1f} m and {recorded_deg:.0f} degrees after frame {first}, "
+        "where the {witness} show a step of {corrected_m:.1f} m and {corrected_deg:.0f} degrees: corrected"
+    )
+    FRAMES_DISPLACED = note(
+        "{which} {are} recorded {displacement_m:.1f} m and {displacement_deg:.0f} degrees away from where "
+        "the images show them: corrected"
+    )
+    POSE_STANDS_STILL = warning(
+        (
+            "the recorded pose stands still from frame {first} to {last}, where the images move by "
+            "{moved_m:.1f} m and {moved_deg:.0f} degrees: ",
+            _done,
+        )
+    )
+    POSES_LOST = warning(
+        (
+            "{which} ({lost_count} of {frame_count}) ",
+            lambda lost_count: "has" if lost_count == 1 else "have",
+            " the identity as pose, as trackers write it that are lost: ",
+            _done,
+        )
+    )
+    ELSEWHERE_AFTER_LOST = warning(
+        (
+            "after the lost {which} the tracker goes on {departure_m:.1f} m and {departure_deg:.0f} degrees "
+            "away from where it should: the frames from {next_frame} on are ",
+            _done,
+        )
+    )
+    PLACED_BY_REVISITS = note(
+        "after frame {first}, where tracking was lost, the walk goes on {step_m:.1f} m and {step_deg:.0f} "
+        "degrees further: placed by {revisit_count} revisits"
+    )
+    REVISITS_CONTRADICT_MOTION = warning(
+        "revisits contradict the recorded motion somewhere about frames {first}-{last}, where neighbouring "
+        "images do not match, but not enough of them show where: left as recorded",
+        "look at these frames in the report, or scan that part again",
+    )

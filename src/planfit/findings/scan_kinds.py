@@ -1,0 +1,151 @@
+"""Findings of what a scan shows, and of its sensor, and their words."""
+
+from planfit.findings.message import Kind, note, warning
+
+FAR_M = 3.0
+"""Distance at which the quadratic part of depth is told in metres."""
+
+
+def _drifted_floor(floors_m: tuple[float, ...]) -> str:
+    heights = " and ".join(f"{height:+.1f} m" for height in floors_m)
+    return (
+        f"the recorded poses drift in height: the floor was recorded at {heights} as well, and matches "
+        "and motion show that it is the same"
+    )
+
+
+def _others(has_plan: bool) -> str:
+    return "walls and floor" if has_plan else "the floor"
+
+
+def _check_of_matches(has_colour: bool) -> str:
+    if has_colour:
+        return "check that colour images are sharp and belong to the depth"
+    return "check that frames that follow each other show the same surfaces"
+
+
+def _torn_revisit(runs: tuple[tuple[int, int], ...], recorded_m: float, solved_m: float) -> str:
+    one, other = (
+        f"frame {first}" if first == last else f"frames {first}-{last}" for first, last in runs
+    )
+    return (
+        f"{one} and {other} look alike but cannot be the same place: using them would change a "
+        f"recorded step of {recorded_m:.2f} m to {solved_m:.2f} m; they were left out"
+    )
+
+
+def _correction(parameter: str, departure: float, found: float, sigma: float) -> str:
+    """A parameter that is kept: what was measured or given wrongly, and what was done."""
+    off, too = departure, "long" if departure < 0 else "short"
+    match parameter:
+        case "depth_scale":
+            share = abs(1 / found - 1)
+            return (
+                f"depth was measured {share:.1%} too {too}: corrected by {found:.4f} +- {sigma:.4f}"
+            )
+        case "depth_offset_m":
+            return (
+                f"depth was measured {abs(off):.3f} m too {too} at every distance: corrected by "
+                f"{off:+.3f} +- {sigma:.3f} m"
+            )
+        case "depth_quadratic_per_m":
+            return (
+                f"depth was measured too {too} by its square, {abs(off) * FAR_M**2:.3f} m at {FAR_M:g} m: "
+                f"corrected by {off:+.4f} +- {sigma:.4f} times its square (1/m)"
+            )
+        case "focal_scale" | "focal_aspect":
+            which = "" if parameter == "focal_scale" else " in y"
+            share = abs(1 / found - 1)
+            return (
+                f"the focal length{which} was given {share:.1%} too {too}: corrected by "
+                f"{found:.4f} +- {sigma:.4f}"
+            )
+        case _:
+            return (
+                f"the principal point was given {abs(off):.1f} px off in {parameter[-1]}: moved by "
+                f"{off:+.1f} +- {sigma:.1f} px"
+            )
+
+
+def _request(parameter: str, unit: str, departure: float) -> str:
+    """A parameter that is implausible: what it would have to be."""
+    off = abs(departure)
+    much = {
+        "": f"{off:.1%}",
+        "m": f"{off:.2f} m",
+        "1/m": f"{off * FAR_M**2:.2f} m at {FAR_M:g} m",
+        "px": f"{off:.0f} px",
+    }[unit]
+    what = {
+        "depth_scale": "depth",
+        "depth_offset_m": "an offset of the depth",
+        "depth_quadratic_per_m": "depth by its square",
+        "focal_scale": "a focal length",
+        "focal_aspect": "a focal length in y",
+        "principal_x": "a principal point in x",
+        "principal_y": "a principal point in y",
+    }[parameter]
+    return f"{what} {much} off"
+
+
+def _check_of_sensor(is_of_depth: bool, is_of_lens: bool) -> str:
+    unit = (
+        "check the unit of the depth (--depth-scale), and the calibration that the device exports"
+    )
+    registration = (
+        "colour and depth may not be registered to each other, or the intrinsics be those of another camera "
+        "or image size: check the export of the scan"
+    )
+    return "; ".join([unit] * is_of_depth + [registration] * is_of_lens)
+
+
+class ScanKind(Kind):
+    """What a scan shows, and its sensor."""
+
+    FEW_FRAMES = warning(
+        "only {frame_count} frames: there is little to hold the poses together",
+        "more frames that see the same places give a surer result",
+    )
+    GRAVITY_UNSURE = warning(
+        "gravity is unsure (from {source})", "check that the floor is level in the report"
+    )
+    NO_FLOOR = warning(
+        "no floor was seen: height and tilt follow the recorded poses",
+        "tilt the camera down while scanning, or give floor masks",
+    )
+    FLOOR_DRIFTED = warning(
+        _drifted_floor, "if there are stairs, scan them with images that overlap"
+    )
+    NO_WALL = warning(
+        "no wall was seen: the scan cannot be aligned with the plan by its walls, and only the "
+        "matches and the floor were used",
+        "give wall masks, or scan more of the walls",
+    )
+    NO_COLOUR = note(("the scan has no colour: ", lambda parts: parts[0]))
+    MATCHED_BY_GEOMETRY = note(
+        "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} leave a "
+        "direction free"
+    )
+    NO_MATCHES = warning(
+        ("no two frames could be matched: poses were refined by ", _others, " alone"),
+        _check_of_matches,
+    )
+    NO_LOOPS = warning(
+        (
+            "no place was seen to be visited again (no loop closure): drift along the path is corrected by ",
+            _others,
+            " only",
+        )
+    )
+    REVISIT_TEARS_STEP = note(_torn_revisit)
+    SENSOR_CORRECTED = note(lambda parts: "; ".join(parts))
+    SENSOR_IMPLAUSIBLE = warning(
+        (
+            "the scan asks for ",
+            lambda parts: " and ".join(parts),
+            ", more than a camera can be off: nothing was corrected",
+        ),
+        _check_of_sensor,
+    )
+    PARAMETER_CORRECTED = note(_correction)
+    PARAMETER_IMPLAUSIBLE = warning(_request)
