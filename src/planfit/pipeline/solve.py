@@ -1,6 +1,6 @@
 """Sensor and poses in turns: a scan aligned with its plan and adjusted to it, which tells of its sensor."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -30,9 +30,6 @@ from planfit.runtime import StageTimer, short_repr
 
 MAX_CORRECTIONS = 2
 """Times that walls may correct the sensor; most scans need none, others one."""
-
-_Align = Callable[[CalibratedScan], tuple[CalibratedScan, ScanOnPlan]]
-"""Alignment of a whole scan with its plan; storeys, control points and jumps change the scan, too."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +84,7 @@ def _adjusted(
     """The scan brought onto its plan as a whole, then each pose."""
     options, terms = given.options, given.extra_terms
     # Rotation, translation and scale of the whole (paper, Sec. III-A).
-    calibrated, on_plan = _aligner(given, timer, surveyed)(calibrated)
+    calibrated, on_plan = _aligned(given, timer, surveyed, calibrated)
     prepared = calibrated.prepared
     # Walls associated with faces and all terms adjusted, in turns (paper, Sec. III-D and III-E); without a
     # plan all terms but walls.
@@ -118,45 +115,28 @@ def _with_walls_settled(given: Given, solved: Solved, timer: StageTimer) -> Solv
     return replace(solved, adjustment=adjustment)
 
 
-def _aligner(given: Given, timer: StageTimer, surveyed: SurveyedScan | None) -> _Align:
-    """How the scan is aligned: by control points, on one plan, on a plan for each storey, or not at all."""
+def _aligned(
+    given: Given, timer: StageTimer, surveyed: SurveyedScan | None, calibrated: CalibratedScan
+) -> tuple[CalibratedScan, ScanOnPlan]:
+    """Where the whole scan is: by control points, on one plan, on a plan for each storey, or standing alone.
+
+    Control points, jumps and storeys change the scan, too.
+    """
+    scan, plan, options, prepared = given.scan, given.floorplan, given.options, calibrated.prepared
+    if isinstance(plan, Floorplan):
+        options = with_places(options, calibrated.observations.by_hand, prepared, plan)
+    if isinstance(plan, Mapping):
+        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
+        seen = calibrated.observations
+        found = place_on_storeys(scan, seen, prepared, plan, options, timer)
+        storeyed = replace(calibrated, observations=found.observations, prepared=found.prepared)
+        return storeyed, found.on_plan
     if surveyed is not None:
         # Control points take drift out, and say where the scan is.
-        return partial(_align_by_control, given, timer, surveyed)
-    if isinstance(given.floorplan, Floorplan):
-        return partial(_align_on_plan, given, timer, given.floorplan)
-    if given.floorplan is not None:
-        # Each storey alone, then all in one frame (docs/adr/0011-several-storeys.md).
-        return partial(_align_storeys, given, timer, given.floorplan)
-    return lambda calibrated: (calibrated, STANDS_ALONE)
-
-
-def _align_by_control(
-    given: Given, timer: StageTimer, surveyed: SurveyedScan, calibrated: CalibratedScan
-) -> tuple[CalibratedScan, ScanOnPlan]:
-    prepared, plan = calibrated.prepared, given.floorplan
-    assert not isinstance(plan, Mapping)  # `observe_survey` refuses plans by storey
-    options = given.options
-    if plan is not None:
-        options = with_places(options, calibrated.observations.by_hand, prepared, plan)
-    prepared, on_plan = place_by_control(given.scan, prepared, surveyed, plan, options, timer)
-    return replace(calibrated, prepared=prepared), on_plan
-
-
-def _align_on_plan(
-    given: Given, timer: StageTimer, plan: Floorplan, calibrated: CalibratedScan
-) -> tuple[CalibratedScan, ScanOnPlan]:
-    by_hand = calibrated.observations.by_hand
-    options = with_places(given.options, by_hand, calibrated.prepared, plan)
-    calibrated, on_plan = align_with_jumps(given.scan, calibrated, plan, options, timer)
+        prepared, on_plan = place_by_control(scan, prepared, surveyed, plan, options, timer)
+        return replace(calibrated, prepared=prepared), on_plan
+    if plan is None:
+        return calibrated, STANDS_ALONE
+    calibrated, on_plan = align_with_jumps(scan, calibrated, plan, options, timer)
     with timer.stage("align"):
         return calibrated, against_walls(on_plan, calibrated.prepared, plan, options)
-
-
-def _align_storeys(
-    given: Given, timer: StageTimer, plans: Mapping[int, Floorplan], calibrated: CalibratedScan
-) -> tuple[CalibratedScan, ScanOnPlan]:
-    seen, prepared = calibrated.observations, calibrated.prepared
-    found = place_on_storeys(given.scan, seen, prepared, plans, given.options, timer)
-    calibrated = replace(calibrated, observations=found.observations, prepared=found.prepared)
-    return calibrated, found.on_plan
