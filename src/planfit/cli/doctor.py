@@ -85,7 +85,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckedPart:
     """What one check found."""
 
     group: str
@@ -123,7 +123,7 @@ def doctor_command(arguments: DoctorArguments) -> int:
     return 1 if faults else 0
 
 
-def _tell(findings: list[Finding]) -> None:
+def _tell(findings: list[CheckedPart]) -> None:
     width = max(len(each.name) for each in findings)
     group = ""
     for each in findings:
@@ -137,22 +137,22 @@ def _tell(findings: list[Finding]) -> None:
     print("\n".join(map(printable, faults)) if faults else "all that planfit needs works")
 
 
-def _system() -> list[Finding]:
+def _system() -> list[CheckedPart]:
     threads = os.environ.get("OMP_NUM_THREADS") or os.environ.get("NUMBA_NUM_THREADS")
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     limit = f"; limited to {threads} by the environment" if threads else ""
     old = sys.version_info < (3, 11)
     return [
-        Finding("system", "planfit", f"{__version__}, {Path(__file__).parents[1]}"),
-        Finding(
+        CheckedPart("system", "planfit", f"{__version__}, {Path(__file__).parents[1]}"),
+        CheckedPart(
             "system",
             "Python",
             f"{platform.python_version()}, {sys.executable}",
             "expected 3.11 or newer; make an environment with one" if old else "",
         ),
-        Finding("system", "machine", f"{platform.platform()}, {platform.machine()}"),
-        Finding("system", "threads", f"{usable} usable of {os.cpu_count()}{limit}"),
-        Finding("system", "memory", _memory()),
+        CheckedPart("system", "machine", f"{platform.platform()}, {platform.machine()}"),
+        CheckedPart("system", "threads", f"{usable} usable of {os.cpu_count()}{limit}"),
+        CheckedPart("system", "memory", _memory()),
     ]
 
 
@@ -164,7 +164,7 @@ def _memory() -> str:
     return f"{pages * size / 2**30:.1f} GB"
 
 
-def _dependencies() -> list[Finding]:
+def _dependencies() -> list[CheckedPart]:
     """Each library that planfit needs: its version, and whether it can be imported."""
     try:
         lines = requires("planfit") or []
@@ -175,7 +175,7 @@ def _dependencies() -> list[Finding]:
     if len(set(doubled)) > 1:
         fault = f"they share a folder and spoil each other: pip uninstall {' '.join(sorted(set(doubled)))}, "
         words = f"{fault}then install one again"
-        found.append(Finding("libraries", "OpenCV", ", ".join(doubled), words))
+        found.append(CheckedPart("libraries", "OpenCV", ", ".join(doubled), words))
     return [finding for finding in found if finding is not None]
 
 
@@ -183,7 +183,7 @@ def _is_opencv(name: str | None) -> bool:
     return (name or "").lower().replace("_", "-").startswith("opencv-")
 
 
-def _dependency(line: str) -> Finding | None:
+def _dependency(line: str) -> CheckedPart | None:
     """A library by a line of requirements; None where the line is for other machines."""
     try:
         requirement = import_module("packaging.requirements").Requirement(line)
@@ -205,7 +205,7 @@ def _dependency(line: str) -> Finding | None:
     if not fault and requirement and not requirement.specifier.contains(found, True):
         fault = f"expected {line.split(';')[0].removeprefix(name).strip()}; "
         fault += f"pip install --upgrade '{line}'"
-    return Finding("libraries", name, found, fault)
+    return CheckedPart("libraries", name, found, fault)
 
 
 def _reason(error: Exception) -> str:
@@ -213,24 +213,24 @@ def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}"
 
 
-def _kernels() -> Finding:
+def _kernels() -> CheckedPart:
     """Whether compiled loops are ready in the installation. They need not be: numba compiles what is not."""
     later = "compiled at its first call, half a minute in all"
     try:
         decorator = import_module("planfit.compiled.decorator")
         ready = decorator.usable(decorator.READY)
     except Exception as error:  # of numba; that it is broken stands in its own line
-        return Finding("libraries", "kernels", f"not known ({type(error).__name__})")
+        return CheckedPart("libraries", "kernels", f"not known ({type(error).__name__})")
     if isinstance(ready, str):
         words = f"none ready: {ready}; each is {later}, or now by planfit doctor --compile"
-        return Finding("libraries", "kernels", words)
+        return CheckedPart("libraries", "kernels", words)
     spoilt = sum(ready.blob(line) is None for line in ready.places)
     words = f"{len(ready.places)} ready, compiled ahead for {ready.made.cpu}"
     words += f"; {spoilt} of them spoilt: each is {later}" if spoilt else ""
-    return Finding("libraries", "kernels", words)
+    return CheckedPart("libraries", "kernels", words)
 
 
-def _extras() -> list[Finding]:
+def _extras() -> list[CheckedPart]:
     """Whether the modules of each extra are there; they are looked for, not imported, which takes seconds."""
     found = []
     for extra, (purpose, modules) in EXTRAS.items():
@@ -240,11 +240,11 @@ def _extras() -> list[Finding]:
             state = f"in part, without {', '.join(absent)}"
             state = state if len(absent) < len(modules) else "not installed"
             advice = f"; pip install 'planfit[{extra}]'"
-        found.append(Finding(_OPTIONAL, extra, f"{state}: {purpose}{advice}"))
+        found.append(CheckedPart(_OPTIONAL, extra, f"{state}: {purpose}{advice}"))
     return found
 
 
-def _gpu() -> Finding:
+def _gpu() -> CheckedPart:
     """Of torch: nothing else of planfit runs on one."""
     words = "not used: only models of planfit[learned] and planfit[torch] run on one"
     if find_spec("torch") is not None:
@@ -255,10 +255,10 @@ def _gpu() -> Finding:
                 words = f"{torch.cuda.get_device_name(0)}, by torch {torch.__version__}"
         except Exception as error:
             words = f"torch cannot be imported ({type(error).__name__}: {str(error)[:100]})"
-    return Finding(_OPTIONAL, "GPU", words)
+    return CheckedPart(_OPTIONAL, "GPU", words)
 
 
-def _disk(folder: Path, cache: Path | None) -> list[Finding]:
+def _disk(folder: Path, cache: Path | None) -> list[CheckedPart]:
     rows = []
     try:
         present = next(
@@ -270,34 +270,36 @@ def _disk(folder: Path, cache: Path | None) -> list[Finding]:
         fault = (
             "less than 1 GB: free some, or choose another with -o" if free_gb < _MIN_FREE_GB else ""
         )
-        rows.append(Finding("disk", "free for results", f"{free_gb:.1f} GB in {present}", fault))
+        rows.append(
+            CheckedPart("disk", "free for results", f"{free_gb:.1f} GB in {present}", fault)
+        )
     except OSError as error:
         fault = f"cannot be written ({error.strerror}); choose another folder with -o"
-        rows.append(Finding("disk", "free for results", str(folder), fault))
+        rows.append(CheckedPart("disk", "free for results", str(folder), fault))
     words = "each run keeps its own in OUT/cache; --cache DIR is shared between runs"
     if cache is not None:
         sizes = [path.stat().st_size for path in cache.rglob("*") if path.is_file()]
         words = f"{cache}: {len(sizes)} files, {sum(sizes) / 1e6:.1f} MB"
         words += "" if cache.is_dir() else ", not there yet"
-    return [*rows, Finding("disk", "cache", words)]
+    return [*rows, CheckedPart("disk", "cache", words)]
 
 
-def _self_test() -> Finding:
+def _self_test() -> CheckedPart:
     """Nine cameras on a ring, disturbed, are brought back by the motions between them."""
     begin = time.perf_counter()
     try:
         left, disturbed = _solve_tiny_problem()
     except PlanfitError as error:
-        return Finding("self-test", "solver", "failed", str(error))
+        return CheckedPart("self-test", "solver", "failed", str(error))
     except Exception as error:  # whatever a broken library raises
-        return Finding(
+        return CheckedPart(
             "self-test", "solver", "failed", f"{_reason(error)}; see the libraries above"
         )
     seconds = time.perf_counter() - begin
     words = f"{1000 * disturbed:.0f} mm off before, {1000 * left:.2g} mm after, in {seconds:.1f} s"
     is_right = left < _FREE_SHARE * disturbed
     fault = "" if is_right else "expected the true poses, found others; reinstall planfit"
-    return Finding("self-test", "solver", words, fault)
+    return CheckedPart("self-test", "solver", words, fault)
 
 
 def _solve_tiny_problem() -> tuple[float, float]:

@@ -49,7 +49,7 @@ class Stamp:
 
 
 @dataclass(frozen=True)
-class Listing:
+class TopicMessages:
     """What one pass over the messages of the chosen topics finds."""
 
     first: dict[str, Any]
@@ -76,7 +76,11 @@ class BagImages(StoredImages):
     """
 
     def __init__(
-        self, reader: Any, listing: Listing, sizes: tuple[Size, Size], metres_per_unit: float | None
+        self,
+        reader: Any,
+        listing: TopicMessages,
+        sizes: tuple[Size, Size],
+        metres_per_unit: float | None,
     ) -> None:
         self._reader, self._listing, self._sizes = reader, listing, sizes
         self._metres_per_unit = metres_per_unit
@@ -183,7 +187,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     )
 
 
-def _list_messages(path: Path, reader: Any, topics: Topics) -> Listing:
+def _list_messages(path: Path, reader: Any, topics: Topics) -> TopicMessages:
     stamps: dict[str, list[Stamp]] = {topics.color: [], topics.depth: []}
     first: dict[str, Any] = {}
     wanted = {topics.color, topics.depth, topics.info, topics.depth_info} - {""}
@@ -202,11 +206,11 @@ def _list_messages(path: Path, reader: Any, topics: Topics) -> Listing:
                 f"{path}: expected messages on {topic}, found none; record it, or choose another topic"
             )
     colors, depths = (sorted(stamps[t], key=lambda s: s.time) for t in (topics.color, topics.depth))
-    return Listing(first, colors, depths)
+    return TopicMessages(first, colors, depths)
 
 
 def _pair(
-    path: Path, listing: Listing, max_gap_s: float
+    path: Path, listing: TopicMessages, max_gap_s: float
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Numbers of colour and of depth messages that belong together."""
     color_times, depth_times = listing.color_times, listing.depth_times
