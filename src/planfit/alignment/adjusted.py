@@ -18,7 +18,14 @@ from planfit.alignment.refine import (
     explained,
     refine_hypothesis,
 )
-from planfit.alignment.selection import MARGIN_WORTH, MIN_EVIDENCE, SameWithin, is_same
+from planfit.alignment.selection import (
+    MARGIN_WORTH,
+    MIN_EVIDENCE,
+    MIN_MARGIN,
+    MIN_SCORE,
+    SameWithin,
+    is_same,
+)
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -74,14 +81,14 @@ def judge_adjusted(
         walls: where the adjusted poses put them, in the plan frame (m).
         floorplan: in metres, at the scale that was taken.
         alignment: that the adjustment began with.
-        options: what counts as another alignment.
+        options: whether a person chose the alignment.
     """
     samples, weights = thin(walls, FULL_SAMPLES)
     here = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
     score, seen_through = explained(samples, weights, floorplan, here)
     # Surveyed points are sure of their place until walls clearly put the scan beside it.
     is_doubted = alignment.is_surveyed and not alignment.is_sure
-    within = SameWithin.surveyed() if is_doubted else SameWithin.chosen(options)
+    within = SameWithin.surveyed() if is_doubted else SameWithin.distinct()
     others = []
     for candidate in alignment.candidates:
         start = _relative(candidate, alignment)
@@ -111,7 +118,7 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
     # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
     # symmetric room that was seen whole, both explain all.
     is_beaten = elsewhere > (score + TIE if score >= TIE_SCORE else score)
-    is_close = is_beaten or not (is_given or score - elsewhere >= options.min_margin)
+    is_close = is_beaten or not (is_given or score - elsewhere >= MIN_MARGIN)
     if is_close and score >= WEAK_SCORE:
         return (
             f"the adjusted walls fit the plan elsewhere almost as well ({score:.0%} of the wall here, "
@@ -125,12 +132,12 @@ def _doubt(judged: AdjustedAlignment, alignment: Alignment, options: AlignOption
             f"at another scale than the plan is drawn at, {score:.0%} of the adjusted wall lies on it, and "
             f"{elsewhere:.0%} elsewhere, which the plan of another building may give as well"
         )
-    if score >= options.min_score and worth < MIN_EVIDENCE and not (is_given or is_clear):
+    if score >= MIN_SCORE and worth < MIN_EVIDENCE and not (is_given or is_clear):
         return (
             f"{score:.0%} of the adjusted wall lies on the plan here and {elsewhere:.0%} elsewhere, which "
             "the plan of another building may give as well"
         )
-    if score < options.min_score and not (score >= WEAK_SCORE and (is_clear or is_open)):
+    if score < MIN_SCORE and not (score >= WEAK_SCORE and (is_clear or is_open)):
         return (
             f"only {score:.0%} of the adjusted wall lies on the plan, which may be of another place, storey "
             "or time"

@@ -4,6 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
+from planfit.cli.gone_options import refuse_gone
 from planfit.errors import OptionError, ScanError
 from planfit.export.option_files import FILES_OF_SCAN
 from planfit.runtime import options_of
@@ -24,6 +25,7 @@ def read_options(path: Path, defaults: Options) -> Options:
         raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise OptionError(f"{path}: expected TOML, found {error}") from error
+    refuse_gone(values, f"{path}: ")
     return options_of(values, defaults, f"{path}: ")
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+from planfit.cli.gone_options import refuse_gone_flag
 from planfit.cli.speech import NAMES
 from planfit.errors import OptionError, did_you_mean
 
@@ -56,6 +57,7 @@ def check_flags(command: str, words: Sequence[str], usage: str) -> None:
                 f"{name}: expected 'planfit {command} {usage}', found an option in place of a word; "
                 f"leave {name} out"
             )
+        refuse_gone_flag(name)
         meant = did_you_mean(name, known)
         raise OptionError(
             f"{name}: expected an option of 'planfit {command}', found an unknown one; "

@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from planfit.alignment.selection import MIN_SCORE
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -134,7 +135,7 @@ def place_groups(
     for group in by_size:
         own = _own_options(options, has_first=0 in group.members)
         found = _align_group(observed, group, seen, verified, plan, own, runtime, timer)
-        doubt = _doubt(found, own)
+        doubt = _doubt(found)
         if doubt:
             unsure |= dict.fromkeys(
                 group.members, f"none of the other scans shows the same places, and {doubt}"
@@ -208,13 +209,13 @@ def _align_group(
         return error
 
 
-def _doubt(found: ScanOnPlan | FloorplanError, options: RefineOptions) -> str:
+def _doubt(found: ScanOnPlan | FloorplanError) -> str:
     """Why the plan does not say where a group is; empty where it does."""
     if isinstance(found, FloorplanError):
         return f"the plan does not fit it ({found})"
     if found.alignment is None:
         return "it shows no wall to be aligned with the plan by"
-    if found.alignment.score < options.align.min_score:
+    if found.alignment.score < MIN_SCORE:
         return (
             f"the plan explains only {found.alignment.score:.0%} of its walls wherever it is put: is it of "
             "another storey or building?"
