@@ -70,11 +70,11 @@ def run_descent(case: Case, fresh: bool = False) -> Run:
 
 
 def solver_options(n_rounds: int) -> SolverOptions:
-    return SolverOptions(n_rounds, steps_per_reweighting=1, cost_tolerance=1e-9)
+    return SolverOptions(n_rounds, cost_tolerance=1e-9)
 
 
 def paper_solution(case: Case, n_rounds: int) -> tuple[float, np.ndarray]:
-    """Loss (m) and poses after so many rounds of reweighting and one step each."""
+    """Loss (m) and poses after a number of rounds of reweighting."""
     terms = paper_terms(*case.paper_inputs, PaperWeights())
     solution = solve(terms, case.initial_plan_from_cams, solver_options(n_rounds))
     loss_m = sum(cost.after for cost in solution.cost_by_term.values())
@@ -129,7 +129,7 @@ def records(fresh: bool = False) -> list[Record]:
 def _own_stop(case: Case, run: Run) -> Record:
     """LM run on to its own stop, beyond any loss that descent reaches, over the whole descent."""
     terms = paper_terms(*case.paper_inputs, PaperWeights())
-    options = SolverOptions(200, steps_per_reweighting=1)
+    options = SolverOptions(200)
 
     def whole() -> Solution:
         return solve(terms, case.initial_plan_from_cams, options)

@@ -123,7 +123,7 @@ def run_stages(scan, times: dict[str, tuple[float, float]]):
     times["read and keypoints"] = both
     times["match"] = (everything[0] - both[0], everything[1] - both[1])
     del times["read"]
-    gravity = timed("level", lambda: find_gravity(scan, SegmentationOptions().gravity, runtime))
+    gravity = timed("level", lambda: find_gravity(scan, runtime))
     timed("segmentation", lambda: segment_scan(
         scan, gravity, SegmentationOptions(back_end="geometry"), runtime))  # fmt: skip
     return matches

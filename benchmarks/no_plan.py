@@ -42,7 +42,7 @@ def main() -> None:
         # A cache a seed: neither gravity nor matches may know the poses before drift.
         with tempfile.TemporaryDirectory() as cache:
             runtime = Runtime(cache_dir=Path(cache))
-            up = find_gravity(scan, options.segmentation.gravity, runtime).up_world
+            up = find_gravity(scan, runtime).up_world
             drifted = drift_poses(given, DriftOptions(), np.random.default_rng(seed), up)
             begin = time.perf_counter()
             spoiled = dataclasses.replace(scan, world_from_cams=drifted)

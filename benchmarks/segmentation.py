@@ -140,17 +140,16 @@ def angle_deg(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def run_gravity(arguments: argparse.Namespace) -> None:
-    options = SegmentationOptions().gravity
     print("seed  ceiling    error deg  confidence  drifted deg  ms a frame")
     errors, drifted = [], []
     for seed in range(arguments.seed, arguments.seed + arguments.scans):
         case = make_case(seed, arguments.frames, arguments.width)
         still = replace(case.scan, world_from_cams=case.true_world_from_cams)
         begin = time.perf_counter()
-        gravity = find_gravity(still, options, Runtime(1))
+        gravity = find_gravity(still, Runtime(1))
         ms = (time.perf_counter() - begin) * 1e3 / len(still)
         errors.append(angle_deg(gravity.up_world, case.up_world))
-        on_drift = find_gravity(case.scan, options, Runtime(1)).up_world
+        on_drift = find_gravity(case.scan, Runtime(1)).up_world
         drifted.append(angle_deg(on_drift, case.up_world))
         print(
             f"{seed:4d}  {case.ceiling:10} {errors[-1]:9.3f} {gravity.confidence:11.2f} "
@@ -172,7 +171,7 @@ def run_labels(arguments: argparse.Namespace) -> None:
     seconds, n_frames = 0.0, 0
     for seed in range(arguments.seed, arguments.seed + arguments.scans):
         case = make_case(seed, arguments.frames, arguments.width)
-        gravity = find_gravity(case.scan, options.gravity, Runtime(1))
+        gravity = find_gravity(case.scan, Runtime(1))
         counts = np.zeros((len(judged), 3))
         begin = time.perf_counter()
         found = choose_back_end(case.scan, gravity, options, Runtime(1))
@@ -219,7 +218,7 @@ def run_memory(arguments: argparse.Namespace) -> None:
             files=Frames([case.scan.files.depth(i % 20) for i in range(20)] * (n // 20)),
         )
         tracemalloc.start()
-        gravity = find_gravity(long, options.gravity, Runtime(2))
+        gravity = find_gravity(long, Runtime(2))
         structure = segment_scan(long, gravity, options, Runtime(2))
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
@@ -238,7 +237,7 @@ def run_memory(arguments: argparse.Namespace) -> None:
 def run_level(arguments: argparse.Namespace) -> None:
     scan = _read_7_scenes(arguments.scan)
     options = SegmentationOptions(back_end="geometry")
-    gravity = find_gravity(scan, options.gravity, Runtime(2))
+    gravity = find_gravity(scan, Runtime(2))
     structure = segment_scan(scan, gravity, options, Runtime(2))
     print(
         f"up {np.round(gravity.up_world, 4).tolist()}, confidence {gravity.confidence:.2f}, "

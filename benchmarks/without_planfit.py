@@ -86,7 +86,7 @@ def conslam() -> Case:
 def kitchen() -> Case:
     scan = planfit.read_scan(CONSLAM.parent / "kitchen")
     options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end="geometry"))
-    up = find_gravity(scan, options.segmentation.gravity, Runtime()).up_world
+    up = find_gravity(scan, Runtime()).up_world
     given = scan.world_from_cams
     drifted = drift_poses(given, DriftOptions(), np.random.default_rng(0), up)
     return _case("kitchen", replace(scan, world_from_cams=drifted), None, given, options)

@@ -1,12 +1,14 @@
 """Which evidence contradicts which: a suspect is told, with what it stands against, and nothing else."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 
 import planfit
 from builders import make_matches, make_structure, room_scan
+from planfit.adjust import moved_walls
 from planfit.corrections import AddedLoop
 from planfit.export.record import make_record
 from planfit.geometry import se3
@@ -102,10 +104,10 @@ def test_a_wall_drawn_elsewhere_is_told(rng):
     ends = built.ends.copy()
     ends[1, :, 0] += 0.15
     options = RefineOptions().with_("align.start", "0,0,0")
-    options = options.with_("adjust.moved_walls.min_offset_m", 0.6)
     observations = seen(structure, NO_MATCHES, true)
     plan = replace(built, ends=ends)
-    result = planfit.refine(room_scan(true), plan, options, observations=observations)
+    with patch.object(moved_walls, "MIN_OFFSET_M", 0.6):
+        result = planfit.refine(room_scan(true), plan, options, observations=observations)
     (told,) = (each for each in result.evidence.disagreements if each.item.face_idx == 1)
     assert told.kept_out_m == pytest.approx(0.15, abs=0.02)
     assert "wall from (6.15, 0.00) to (6.15, 4.00)" in told.sentence

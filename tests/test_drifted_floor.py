@@ -10,7 +10,7 @@ from planfit.findings import ScanKind
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer
-from planfit.segmentation.storeys import StoreyOptions, find_storeys
+from planfit.segmentation.storeys import find_storeys
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 
 RISE_M = 2.6
@@ -51,7 +51,7 @@ def drifted(synthetic, observations):
     world_from_cams[:, :3, 3] += drift_m()[:, None] * synthetic.true_plan_from_world[2, :3]
     floor, heights = observations.structure.floor, drift_m()
     per_point = np.repeat(heights, np.diff(floor.start))
-    _, above_m = find_storeys(per_point, floor.start, StoreyOptions())
+    _, above_m = find_storeys(per_point, floor.start)
     assert len(np.unique(above_m[np.isfinite(above_m)])) == 2  # by heights alone, two storeys
     structure = replace(observations.structure, floor_heights_m=above_m)
     scan = replace(synthetic.scan, world_from_cams=world_from_cams)

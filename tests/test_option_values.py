@@ -24,7 +24,7 @@ from planfit.segmentation import SegmentationOptions
         (LevelOptions, "sigma_m", 0.0),
         (WallOptions, "sigma_m", -0.1),
         (WallOptions, "points_per_observation", 0.0),
-        (AlignOptions, "cell_m", 0.0),
+        (AlignOptions, "candidate", 0),
         (MatcherOptions, "max_ratio", 1.2),
         (VerdictOptions, "folds", 1),
         (VerdictOptions, "max_error_m", 0.0),

@@ -22,7 +22,6 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.pipeline.verdict import Outcome
 from planfit.runtime import Runtime, StageTimer
 from planfit.segmentation import NO_STOREY, number_storeys
-from planfit.segmentation.storeys import StoreyOptions
 from planfit.synth import (
     ON_STAIRS,
     BuildingOptions,
@@ -264,7 +263,7 @@ def test_walls_without_a_storey_are_refused_where_the_plan_has_some():
 def test_a_frame_on_stairs_is_on_no_storey():
     floors = np.array([0.0, 0.0, 0.0, 0.0, np.nan, 2.9, 2.9, 2.9])
     cameras = np.array([1.5, 1.4, 1.5, 2.6, 3.0, 3.1, 4.4, 4.3])
-    heights, of_frames = number_storeys(floors, cameras, StoreyOptions())
+    heights, of_frames = number_storeys(floors, cameras)
     assert_allclose(heights, [0.0, 2.9])
     assert_array_equal(of_frames, [0, 0, 0, NO_STOREY, NO_STOREY, NO_STOREY, 1, 1])
 

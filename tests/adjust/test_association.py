@@ -1,10 +1,13 @@
 """Which face a wall patch may belong to: side, angle, overlap, distance."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import faces_plan, look, make_structure, make_world, moved_plan, room_plan
+from planfit.adjust import association
 from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -77,24 +80,27 @@ def test_max_angle_deg():
     normal, along = [-np.sin(tilt), np.cos(tilt)], np.array([np.cos(tilt), np.sin(tilt)])
     first, last = [2, 0] - 0.5 * along, [2, 0] + 0.5 * along
     assert matched(room_plan(), first, last, normal)[0] == 0
-    assert matched(room_plan(), first, last, normal, max_angle_deg=7.5)[0] == -1
+    with patch.object(association, "MAX_ANGLE_DEG", 7.5):
+        assert matched(room_plan(), first, last, normal)[0] == -1
 
 
 def test_min_overlap():
     # Two metres of wall, 0.8 m of which are beside the face and 0.3 m in its margin.
     first, last = [5.2, 0], [7.2, 0]
-    assert matched(room_plan(), first, last, [0, 1], min_overlap=0.5)[0] == 0
-    assert matched(room_plan(), first, last, [0, 1], min_overlap=0.6)[0] == -1
+    assert matched(room_plan(), first, last, [0, 1])[0] == 0
+    with patch.object(association, "MIN_OVERLAP", 0.6):
+        assert matched(room_plan(), first, last, [0, 1])[0] == -1
 
 
 def test_end_margin_m_is_a_length():
     first, last = [5.5, 0], [6.5, 0]
-    assert matched(room_plan(), first, last, [0, 1], min_overlap=0.75)[0] == 0
-    options = {"min_overlap": 0.75, "end_margin_m": 0.2}
-    assert matched(room_plan(), first, last, [0, 1], **options)[0] == -1
-    # Ten times the face, the same margin.
     long = faces_plan([[0, 0], [60, 0], [60, 4], [0, 4]])
-    assert matched(long, [59.5, 0], [60.5, 0], [0, 1], **options)[0] == -1
+    with patch.object(association, "MIN_OVERLAP", 0.75):
+        assert matched(room_plan(), first, last, [0, 1])[0] == 0
+        with patch.object(association, "END_MARGIN_M", 0.2):
+            assert matched(room_plan(), first, last, [0, 1])[0] == -1
+            # Ten times the face, the same margin.
+            assert matched(long, [59.5, 0], [60.5, 0], [0, 1])[0] == -1
 
 
 def test_a_wall_beyond_the_end_of_a_face_is_not_matched():

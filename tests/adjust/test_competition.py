@@ -1,6 +1,7 @@
 """Several starts: reach by what is known, votes of stretches, and the cost that they compete by."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,13 +17,21 @@ from builders import (
     nudged,
     position_rms_m,
 )
-from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, build_problem
+from planfit.adjust import (
+    AdjustOptions,
+    Measurements,
+    adjust_to_plan,
+    build_problem,
+    competition,
+    reach,
+    voting,
+)
 from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.adjust.competition import best_of_starts, full_cost, is_clear, limits
-from planfit.adjust.reach import ReachOptions, patch_sigmas
+from planfit.adjust.reach import patch_sigmas
 from planfit.adjust.terms.walls import WallOptions, WallTerm, observations_of
-from planfit.adjust.voting import VotingOptions, vote
+from planfit.adjust.voting import MAX_SHIFT_M, vote
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -110,7 +119,7 @@ def test_wall_seen_from_unsure_poses_reaches_further(walk):
     poses, _, structure = walk
     measurements = measured(structure, poses)
     terms = build_problem(measurements, AdjustOptions(), poses).scan_terms
-    sigmas = patch_sigmas(structure.walls, terms, poses, ReachOptions())
+    sigmas = patch_sigmas(structure.walls, terms, poses)
     sides = structure.walls.normals_cam[:, 2] > -0.5  # of these, drift across the walk counts
     frame = structure.walls.frame_idx
     at_ends, in_middle = sigmas[sides & (frame >= 21)], sigmas[sides & (np.abs(frame - 12) < 3)]
@@ -120,9 +129,9 @@ def test_wall_seen_from_unsure_poses_reaches_further(walk):
     pairs = [(i, j) for i in range(0, 24, 4) for j in range(i + 1, 24)]
     matched = replace(measurements, matches=make_matches(poses, pairs, points))
     more = build_problem(matched, AdjustOptions(), poses).scan_terms
-    assert (patch_sigmas(structure.walls, more, poses, ReachOptions()) <= sigmas + 1e-9).all()
-    surer = ReachOptions(whole_sigma_m=0.01, whole_sigma_deg=0.1)
-    assert (patch_sigmas(structure.walls, terms, poses, surer) < sigmas).all()
+    assert (patch_sigmas(structure.walls, more, poses) <= sigmas + 1e-9).all()
+    with patch.multiple(reach, WHOLE_SIGMA_M=0.01, WHOLE_SIGMA_DEG=0.1):
+        assert (patch_sigmas(structure.walls, terms, poses) < sigmas).all()
 
 
 def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
@@ -134,14 +143,12 @@ def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
     spoilt = replace(walls, points_cam=points, ends_cam=walls.ends_cam + shift[:, None])
     start = bent(se3.yaw_transform(0.0, np.array([0.2, -0.25, 0.0])) @ poses, 0.3)
     worth = observations_of(walls, WallOptions())
-    options = VotingOptions()
-    voted = vote(spoilt, worth, floorplan, start, AssociationOptions(), options)
+    voted = vote(spoilt, worth, floorplan, start, AssociationOptions(), MAX_SHIFT_M)
     assert position_rms_m(voted, poses) < 0.12 < 0.25 < position_rms_m(start, poses)
-    short = replace(options, max_shift_m=0.1)
-    again = vote(spoilt, worth, floorplan, start, AssociationOptions(), short)
+    again = vote(spoilt, worth, floorplan, start, AssociationOptions(), 0.1)
     assert np.abs(again[:, :2, 3] - start[:, :2, 3]).max() <= 0.1 + 1e-9
-    stiff = replace(options, bend_sigma_m=1e-3)
-    whole = vote(spoilt, worth, floorplan, start, AssociationOptions(), stiff)
+    with patch.object(voting, "BEND_SIGMA_M", 1e-3):
+        whole = vote(spoilt, worth, floorplan, start, AssociationOptions(), MAX_SHIFT_M)
     moved = whole[:, :2, 3] - start[:, :2, 3]
     assert np.ptp(moved, axis=0).max() < 1e-9  # one shift for all
 
@@ -152,9 +159,7 @@ def test_where_walls_tell_nothing_stretches_stay(walk):
 
     def shift_for(floorplan):
         """Largest shift along x, and that along y, of walls that are believed on the way."""
-        voted = vote(
-            structure.walls, worth, floorplan, poses, AssociationOptions(), VotingOptions()
-        )
+        voted = vote(structure.walls, worth, floorplan, poses, AssociationOptions(), MAX_SHIFT_M)
         return np.abs(voted - poses)[:, :2, 3].max(axis=0)
 
     far = Floorplan.from_segments([[[500.0, 500.0], [510.0, 500.0]]], [[0.0, 1.0]])
@@ -173,13 +178,14 @@ def test_a_start_that_reaches_finds_what_a_narrow_loss_does_not(walk):
     measurements = measured(structure, start)
     narrow = adjust_to_plan(measurements, floorplan, start, AdjustOptions(starts=("aligned",)))
     assert position_rms_m(narrow.solution.target_from_cams, poses) > 0.1
-    unsure = AdjustOptions(starts=("reach",), reach=ReachOptions(whole_sigma_m=0.4))
-    others = [AdjustOptions(starts=starts) for starts in (("vote",), ("wide",))]
-    for options in (unsure, *others, AdjustOptions()):
-        found = adjust_to_plan(measurements, floorplan, start, options)
-        assert position_rms_m(found.solution.target_from_cams, poses) < 0.03, options.starts
-    close = AdjustOptions(starts=("wide",), reach=ReachOptions(max_reach_m=0.1))
-    found = adjust_to_plan(measurements, floorplan, start, close)
+    for starts in (("reach",), ("vote",), ("wide",), AdjustOptions().starts):
+        with patch.object(reach, "WHOLE_SIGMA_M", 0.4):
+            options = AdjustOptions(starts=starts)
+            found = adjust_to_plan(measurements, floorplan, start, options)
+        assert position_rms_m(found.solution.target_from_cams, poses) < 0.03, starts
+    with patch.object(competition, "MAX_REACH_M", 0.1):
+        close = AdjustOptions(starts=("wide",))
+        found = adjust_to_plan(measurements, floorplan, start, close)
     assert position_rms_m(found.solution.target_from_cams, poses) > 0.1
 
 
@@ -221,13 +227,11 @@ def test_many_patches_of_one_wall_do_not_outvote_several_walls():
     ]
     walls = make_structure(pose, (), patches).walls
     worth = observations_of(walls, WallOptions())
-    found = {
-        limit: vote(
-            walls, worth, floorplan, pose, AssociationOptions(),
-            VotingOptions(max_observations_per_face=limit),
-        )[0, 1, 3]
-        for limit in (8.0, 1e9)
-    }  # fmt: skip
+    found = {}
+    for limit in (8.0, 1e9):
+        with patch.object(voting, "MAX_OBSERVATIONS_PER_FACE", limit):
+            moved = vote(walls, worth, floorplan, pose, AssociationOptions(), MAX_SHIFT_M)
+        found[limit] = moved[0, 1, 3]
     assert found[8.0] == pytest.approx(4.5, abs=0.03)
     assert found[1e9] == pytest.approx(4.2, abs=0.03)
 

@@ -1,22 +1,23 @@
 """Storeys, ceilings and columns: each is found where it is, and holds what sees it."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from builders import faces_plan, look, make_matches, make_structure, make_world, moved_plan
-from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, ceiling_hypotheses, ceilings
 from planfit.adjust.ceiling_hypotheses import settle_ceilings
-from planfit.adjust.ceilings import CeilingOptions, find_ceilings
+from planfit.adjust.ceilings import find_ceilings
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.adjust.terms.walls import WallOptions
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.segmentation import LevelPoints
-from planfit.segmentation.storeys import StoreyOptions, find_storeys
+from planfit.segmentation import LevelPoints, storeys
+from planfit.segmentation.storeys import find_storeys
 
 
 def heights(levels_m, frames_each, rng, points=20, noise_m=0.02):
@@ -28,14 +29,14 @@ def heights(levels_m, frames_each, rng, points=20, noise_m=0.02):
 
 def test_one_storey_is_at_zero_however_its_height_drifts(rng):
     z, start = heights(np.linspace(-0.6, 0.6, 40) + 3.0, 1, rng)
-    main_m, above_m = find_storeys(z, start, StoreyOptions())
+    main_m, above_m = find_storeys(z, start)
     assert main_m == np.median(z)
     assert_allclose(above_m, 0.0)
 
 
 def test_storeys_are_told_apart_and_stairs_belong_to_none(rng):
     z, start = heights([0.0] * 20 + [1.5] * 2 + [3.1] * 10, 1, rng)
-    main_m, above_m = find_storeys(z, start, StoreyOptions())
+    main_m, above_m = find_storeys(z, start)
     assert abs(main_m) < 0.02
     assert_allclose(above_m[:20], 0.0, atol=1e-9)
     assert np.isnan(above_m[20:22]).all()
@@ -44,7 +45,7 @@ def test_storeys_are_told_apart_and_stairs_belong_to_none(rng):
 
 def test_the_main_storey_is_the_one_most_seen(rng):
     z, start = heights([0.0] * 8 + [3.0] * 20, 1, rng)
-    main_m, above_m = find_storeys(z, start, StoreyOptions())
+    main_m, above_m = find_storeys(z, start)
     assert_allclose(main_m, 3.0, atol=0.02)
     assert_allclose(above_m[:8], -3.0, atol=0.02)
 
@@ -52,24 +53,25 @@ def test_the_main_storey_is_the_one_most_seen(rng):
 def test_a_frame_without_floor_stands_where_the_last_one_stood(rng):
     z, start = heights([0.0] * 10 + [3.0] * 10, 1, rng)
     start = np.insert(start, 15, start[15])  # frame 15 sees none
-    _, above_m = find_storeys(z, start, StoreyOptions())
+    _, above_m = find_storeys(z, start)
     assert len(above_m) == 21
     assert_allclose(above_m[15], 3.0, atol=0.02)
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "n_storeys"), [("min_storey_m", 4.0, 1), ("min_share", 0.6, 1)]
+    ("name", "value", "n_storeys"), [("_MIN_STOREY_M", 4.0, 1), ("_MIN_SHARE", 0.6, 1)]
 )
-def test_storey_options(name, value, n_storeys, rng):
+def test_thresholds_of_storeys_decide(name, value, n_storeys, rng):
     z, start = heights([0.0] * 20 + [3.0] * 16, 1, rng)
-    _, default = find_storeys(z, start, StoreyOptions())
-    _, other = find_storeys(z, start, StoreyOptions(**{name: value}))
+    _, default = find_storeys(z, start)
+    with patch.object(storeys, name, value):
+        _, other = find_storeys(z, start)
     assert len(np.unique(default.round(1))) == 2
     assert len(np.unique(other[np.isfinite(other)].round(1))) == n_storeys
 
 
 def test_no_floor_no_storey():
-    main_m, above_m = find_storeys(np.zeros(0), np.zeros(6, dtype=int), StoreyOptions())
+    main_m, above_m = find_storeys(np.zeros(0), np.zeros(6, dtype=int))
     assert np.isnan(main_m)
     assert_allclose(above_m, np.zeros(5))
 
@@ -110,12 +112,14 @@ def test_ceilings_of_two_heights_are_found(rng):
     world = make_world(rng, n=12)
     true_m = np.array([2.5] * 6 + [np.nan] + [3.2] * 4 + [2.9])
     structure = with_ceiling(world, true_m, rng)
-    found = find_ceilings(structure, world.plan_from_cams, CeilingOptions(min_share=0.3))
+    with patch.object(ceilings, "_MIN_SHARE", 0.3):
+        found = find_ceilings(structure, world.plan_from_cams)
     assert_allclose(found[:6], 2.5, atol=0.01)
     assert_allclose(found[7:11], 3.2, atol=0.01)
     assert np.isnan(found[6])
     assert np.isnan(found[11])  # one frame's own height is not a ceiling
-    few = find_ceilings(structure, world.plan_from_cams, CeilingOptions(min_share=0.45))
+    with patch.object(ceilings, "_MIN_SHARE", 0.45):
+        few = find_ceilings(structure, world.plan_from_cams)
     assert np.isnan(few[7:11]).all()
 
 
@@ -219,12 +223,13 @@ def test_one_ceiling_seen_at_two_heights_by_poses_that_fell_is_one(rng):
     found, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(found, 2.5, atol=0.02)
     assert_allclose(cameras_m, 1.5, atol=0.06)  # from 1.0
-    as_found = replace(options, ceiling_heights=CeilingOptions(max_drift_m=0.0))
-    left, cameras_m = settle_ceilings(measurements, recorded, as_found)
+    with patch.object(ceiling_hypotheses, "_MAX_DRIFT_M", 0.0):
+        left, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(left[:20], 2.0, atol=0.03)
     assert_allclose(cameras_m, recorded[:, 2, 3])
-    dear = replace(options, ceiling_heights=CeilingOptions(min_gain=1e6))
-    assert_allclose(settle_ceilings(measurements, recorded, dear)[0][:20], 2.0, atol=0.03)
+    with patch.object(ceiling_hypotheses, "_MIN_GAIN", 1e6):
+        left, _ = settle_ceilings(measurements, recorded, options)
+    assert_allclose(left[:20], 2.0, atol=0.03)
 
 
 @pytest.mark.parametrize("step_m", [0.3, 0.5, 0.9])

@@ -1,6 +1,7 @@
 """Walls that stand elsewhere than drawn: found, measured, named, and let go of."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -15,8 +16,16 @@ from builders import (
     room_plan,
 )
 from planfit.adjust import AdjustOptions, adjust_to_plan, moved_wall_findings
+from planfit.adjust import (
+    AdjustOptions,
+    adjust_to_plan,
+    alternation,
+    describe_moved,
+    moved_walls,
+    name_walls,
+)
 from planfit.adjust.association import AssociationOptions, associate, displaced
-from planfit.adjust.moved_walls import MovedWall, MovedWallOptions, find_moved
+from planfit.adjust.moved_walls import MovedWall, find_moved
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -31,10 +40,10 @@ def drawn_off(world, offsets_m):
     return displaced(world.floorplan, -np.asarray(offsets_m, dtype=float))
 
 
-def found(world, floorplan, options=MovedWallOptions(), known=()):  # noqa: B008
+def found(world, floorplan, sigma_m=0.3, known=()):
     walls, poses, chosen = world.structure.walls, world.plan_from_cams, AssociationOptions()
     association = associate(walls, floorplan, poses, 0.35, chosen)
-    return find_moved(walls, association, floorplan, poses, chosen, options, known=known)
+    return find_moved(walls, association, floorplan, poses, chosen, sigma_m, known=known)
 
 
 def test_a_right_plan_has_no_moved_wall(world):
@@ -48,19 +57,20 @@ def test_a_moved_wall_is_found_with_its_offset(world, offset_m):
     assert np.isnan(moved_m[[0, 2, 3]]).all()
 
 
-def test_each_option_decides(world):
+def test_each_threshold_decides(world):
     plan = drawn_off(world, [0, 0.2, 0, 0])  # four patches see each wall
 
     def n_moved(**changes):
-        return int(np.isfinite(found(world, plan, MovedWallOptions(**changes))).sum())
+        with patch.multiple(moved_walls, **changes):
+            return int(np.isfinite(found(world, plan)).sum())
 
-    assert n_moved() == 1
-    assert n_moved(sigma_m=0.0) == 0
-    assert n_moved(max_offset_m=0.15) == 0
-    assert n_moved(min_offset_m=0.25) == 0
-    assert n_moved(min_patches=4) == 1
-    assert n_moved(min_patches=5) == 0
-    assert n_moved(max_moved_share=0.2) == 0  # a quarter of the patches lie on it
+    assert np.isfinite(found(world, plan)).sum() == 1
+    assert np.isnan(found(world, plan, sigma_m=0.0)).all()
+    assert n_moved(MAX_OFFSET_M=0.15) == 0
+    assert n_moved(MIN_OFFSET_M=0.25) == 0
+    assert n_moved(MIN_PATCHES=4) == 1
+    assert n_moved(MIN_PATCHES=5) == 0
+    assert n_moved(_MAX_MOVED_SHARE=0.2) == 0  # a quarter of the patches lie on it
 
 
 def test_walls_known_to_be_moved_say_nothing_against_the_poses(world):
@@ -82,8 +92,8 @@ def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
         patches.append((0, wall, np.array([0.0, -1.0])))
     walls, chosen = make_structure(pose[None], (), patches).walls, AssociationOptions()
     association = associate(walls, plan, pose[None], 0.35, chosen)
-    options = MovedWallOptions(max_moved_share=0.7)
-    moved_m = find_moved(walls, association, plan, pose[None], chosen, options)
+    with patch.object(moved_walls, "_MAX_MOVED_SHARE", 0.7):
+        moved_m = find_moved(walls, association, plan, pose[None], chosen, 0.3)
     assert np.flatnonzero(np.isfinite(moved_m)).tolist() == [4]
     assert moved_m[4] == pytest.approx(0.4, abs=0.01)
 
@@ -101,9 +111,10 @@ def test_wall_seen_where_it_is_drawn_speaks_against(world):
         ends[k] += 0.3 * walls.normals_cam[k]
     before = replace(walls, points_cam=points, ends_cam=ends)
     spoilt = replace(world, structure=replace(world.structure, walls=before))
-    few = MovedWallOptions(min_patches=2)
-    assert np.isnan(found(spoilt, world.floorplan, few)).all()
-    assert np.isfinite(found(spoilt, world.floorplan, replace(few, min_share=0.4)))[1]
+    with patch.object(moved_walls, "MIN_PATCHES", 2):
+        assert np.isnan(found(spoilt, world.floorplan)).all()
+        with patch.object(moved_walls, "_MIN_SHARE", 0.4):
+            assert np.isfinite(found(spoilt, world.floorplan))[1]
 
 
 def test_scattered_patches_agree_on_nothing(world, rng):
@@ -112,8 +123,8 @@ def test_scattered_patches_agree_on_nothing(world, rng):
     points = walls.points_cam + np.repeat(off, np.diff(walls.start), axis=0)
     loose = replace(walls, points_cam=points, ends_cam=walls.ends_cam + off[:, None])
     spoilt = replace(world, structure=replace(world.structure, walls=loose))
-    narrow = MovedWallOptions(within_m=0.01)
-    assert np.isnan(found(spoilt, world.floorplan, narrow)).all()
+    with patch.object(moved_walls, "WITHIN_M", 0.01):
+        assert np.isnan(found(spoilt, world.floorplan)).all()
 
 
 def test_the_adjustment_names_a_moved_wall_and_is_not_pulled(world, rng):
@@ -144,15 +155,15 @@ def test_a_scan_that_is_off_does_not_move_the_walls(world):
 
 def test_an_offset_below_its_sigma_moves_nothing(world):
     plan = drawn_off(world, [0, 0, 0.15, 0])
-    options = AdjustOptions(moved_walls=MovedWallOptions(min_sigmas=100.0))
-    adjusted = adjust_to_plan(world.measurements, plan, world.plan_from_cams, options)
+    with patch.object(alternation, "MIN_SIGMAS", 100.0):
+        adjusted = adjust_to_plan(world.measurements, plan, world.plan_from_cams, AdjustOptions())
     assert adjusted.moved_walls == ()
     assert not adjusted.correspondences.is_moved.any()
 
 
 def test_moved_walls_stay_unnamed_where_they_are_not_looked_for(world):
     plan = drawn_off(world, [0, 0, 0.15, 0])
-    options = AdjustOptions(moved_walls=MovedWallOptions(sigma_m=0.0))
+    options = AdjustOptions(moved_wall_sigma_m=0.0)
     assert adjust_to_plan(world.measurements, plan, world.plan_from_cams, options).moved_walls == ()
 
 

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -118,8 +119,8 @@ def test_tolerance_stops_it_once_the_late_rate_is_reached(inputs, start):
     needs_torch()
     # Any change is below this tolerance: only the schedule keeps the descent going.
     easy = replace(QUICK, tolerance=10.0, max_steps=80)
-    for drop, every, expected in ((0, 1, 1), (30, 1, 31), (30, 20, 50)):
-        options = replace(easy, drop_after_steps=drop, check_every_steps=every)
+    for drop, expected in ((0, 1), (30, 31)):
+        options = replace(easy, drop_after_steps=drop)
         found = sgd.descend(*inputs, start, PaperWeights(), options)
         assert (found.stop, found.steps[-1]) == (DescentStop.TOLERANCE, expected)
     never = sgd.descend(*inputs, start, PaperWeights(), replace(easy, drop_after_steps=80))
@@ -128,9 +129,9 @@ def test_tolerance_stops_it_once_the_late_rate_is_reached(inputs, start):
 
 def test_the_published_schedule():
     schedule = DescentOptions()
-    assert (schedule.learning_rate, schedule.late_learning_rate) == (1e-3, 1e-4)
+    assert (schedule.learning_rate, sgd.LATE_LEARNING_RATE) == (1e-3, 1e-4)
     assert (schedule.drop_after_steps, schedule.tolerance) == (20_000, 1e-5)
-    assert (schedule.check_every_steps, schedule.momentum) == (1, 0.9)
+    assert sgd.MOMENTUM == 0.9
     assert schedule.max_steps > schedule.drop_after_steps
 
 
@@ -148,15 +149,6 @@ def test_the_stop_is_where_the_first_small_change_is_by_the_losses(inputs, start
     assert_allclose(found.loss_m[-1], loss_m[expected])
 
 
-def test_first_frame_may_be_held(inputs, start):
-    needs_torch()
-    free = sgd.descend(*inputs, start, PaperWeights(), QUICK)
-    held = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, is_first_frame_fixed=True))
-    assert_array_equal(held.target_from_cams[0], start[0])
-    assert np.abs(free.target_from_cams[0] - start[0]).max() > 1e-4
-    assert np.abs(held.target_from_cams[1:] - start[1:]).max() > 1e-4
-
-
 def test_learning_rate_drops_after_its_steps(inputs, start):
     needs_torch()
     slow = replace(QUICK, max_steps=1, learning_rate=1e-4)
@@ -171,7 +163,8 @@ def test_learning_rate_drops_after_its_steps(inputs, start):
 
 def test_momentum_and_precision_count(inputs, start):
     needs_torch()
-    plain = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, momentum=0.0, max_steps=20))
+    with patch.object(sgd, "MOMENTUM", 0.0):
+        plain = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, max_steps=20))
     heavy = sgd.descend(*inputs, start, PaperWeights(), replace(QUICK, max_steps=20))
     single = sgd.descend(
         *inputs, start, PaperWeights(), replace(QUICK, max_steps=20, dtype="float32")

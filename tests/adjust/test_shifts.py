@@ -10,7 +10,6 @@ from planfit.adjust import AdjustOptions, Measurements
 from planfit.adjust.alternation import PlanTask
 from planfit.adjust.association import AssociationOptions
 from planfit.adjust.competition import best_of_starts
-from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.shifts import other_places
 from planfit.floorplan import Floorplan
 from planfit.lsq.pose_terms import PosePriorTerm
@@ -55,9 +54,7 @@ def places(drawn_m, seen_m, moved_face, offset_m=-MOVED_M, **changes):
     poses, structure = seen_walls(seen_m, **changes)
     moved_m = np.full(len(floorplan), np.nan)
     moved_m[moved_face] = offset_m  # along the normal, which looks down
-    return other_places(
-        structure.walls, floorplan, poses, moved_m, AssociationOptions(), MovedWallOptions()
-    )
+    return other_places(structure.walls, floorplan, poses, moved_m, AssociationOptions())
 
 
 def test_one_wall_against_one():
@@ -90,9 +87,7 @@ def test_pieces_in_one_line_are_one_wall():
     ]
     structure = make_structure(poses, (), patches)
     moved_m = np.array([np.nan, np.nan, -MOVED_M])
-    (shift,) = other_places(
-        structure.walls, floorplan, poses, moved_m, AssociationOptions(), MovedWallOptions()
-    )
+    (shift,) = other_places(structure.walls, floorplan, poses, moved_m, AssociationOptions())
     assert (shift.n_for, shift.n_against) == (1, 1)
 
 
@@ -119,9 +114,7 @@ def test_nothing_moved_is_nothing_elsewhere():
     floorplan = parallel_plan([2.0, 6.0])
     poses, structure = seen_walls([2.0, 6.0])
     nothing = np.full(len(floorplan), np.nan)
-    assert not other_places(
-        structure.walls, floorplan, poses, nothing, AssociationOptions(), MovedWallOptions()
-    )
+    assert not other_places(structure.walls, floorplan, poses, nothing, AssociationOptions())
 
 
 @pytest.fixture

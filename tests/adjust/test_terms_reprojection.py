@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 from builders import jacobian_by_differences, make_matches, nudged
 from facing import facing_cameras, facing_matches, facing_poses
+from planfit.adjust.terms import reprojection
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.errors import OptionError
 from planfit.geometry import se3
@@ -122,13 +123,14 @@ def test_no_step_gains_by_bringing_points_behind_the_camera(matches, poses):
 
 
 @pytest.mark.parametrize("depth_m", [0.5, 0.1251, 0.125, 0.0625, 0.0, -0.25])
-def test_points_at_the_image_plane_are_safe(depth_m):
+def test_points_at_the_image_plane_are_safe(depth_m, monkeypatch):
+    monkeypatch.setattr(reprojection, "MIN_DEPTH_M", 0.125)
     # Two cameras that look the same way; the second is moved until the point is at `depth_m`.
     poses = np.tile(np.eye(4), (2, 1, 1))
     matches = make_matches(poses, [(0, 1)], np.array([[0.2, -0.1, 3.0]]))
     at = poses.copy()
     at[1, 2, 3] = 3.0 - depth_m
-    quadratic, cost = make_term(matches, 2, min_depth_m=0.125).reweight(at)
+    quadratic, cost = make_term(matches, 2).reweight(at)
     blocks = quadratic.normal_blocks(at)
     assert np.isfinite(cost)
     assert np.isfinite(blocks.blocks).all()
@@ -146,7 +148,7 @@ def test_a_point_lifted_at_no_depth_has_no_weight(poses, rng):
     assert np.isfinite(cost)
 
 
-@pytest.mark.parametrize("name", ["sigma_px", "max_observations", "min_depth_m"])
+@pytest.mark.parametrize("name", ["sigma_px", "max_observations"])
 def test_refuses_options_that_cannot_work(name):
     with pytest.raises(OptionError, match=name):
         ReprojectionOptions(**{name: 0.0})

@@ -1,6 +1,7 @@
 """Where on the plan the scan is: exact when it can be known, honest when it cannot."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from builders import faces_plan, moved_plan, room_plan
 from planfit.alignment import SETTLED_BY_POINTS, AlignOptions, align, sample_walls
 from planfit.alignment.candidates import candidate_yaws
 from planfit.findings import PlanKind
+from planfit.alignment import AlignOptions, align, candidates, sample_walls, search, selection
+from planfit.alignment.candidates import candidate_yaws
+from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 
@@ -57,7 +61,7 @@ def test_a_partial_scan_is_found_anywhere(office, seed):
     assert_at(found, truth, middle=(6, 2, 0))
     assert found.warnings == ()
     assert found.score > 0.9
-    assert found.margin > AlignOptions().min_margin
+    assert found.margin > MIN_MARGIN
 
 
 @pytest.mark.parametrize("quadrant", range(4))
@@ -191,9 +195,9 @@ def test_prior_translation_m(office):
     claimed = se3.yaw_transform(0.0, np.array([2.0, 0.0, 0.0]))
     walls = seen(office, np.arange(12), np.eye(4))
     assert align(walls, office, AlignOptions(), claimed).is_as_recorded
-    options = AlignOptions(prior_translation_m=0.001)
     far = se3.yaw_transform(0.0, np.array([9.0, 0.0, 0.0]))
-    assert not align(walls, office, options, far).is_as_recorded
+    with patch.object(selection, "PRIOR_TRANSLATION_M", 0.001):
+        assert not align(walls, office, AlignOptions(), far).is_as_recorded
 
 
 def test_prior_yaw_deg(office):
@@ -201,36 +205,44 @@ def test_prior_yaw_deg(office):
     walls = seen(office, np.arange(12), np.eye(4))
     assert align(walls, office, AlignOptions(), claimed).is_as_recorded
     # The claim itself is tried as a start and ends at the truth, six degrees from what it claims.
-    assert not align(walls, office, AlignOptions(prior_yaw_deg=5.0), claimed).is_as_recorded
+    with patch.object(selection, "PRIOR_YAW_DEG", 5.0):
+        assert not align(walls, office, AlignOptions(), claimed).is_as_recorded
 
 
 def test_min_score_and_min_margin():
     walls = seen(room_plan(), np.arange(4), np.eye(4))
-    picky = align(walls, room_plan(), AlignOptions(min_score=1.01))
+    with patch.object(selection, "MIN_SCORE", 1.01):
+        picky = align(walls, room_plan(), AlignOptions())
     assert any(each.kind is PlanKind.LITTLE_WALL_ON_PLAN for each in picky.findings)
-    assert align(walls, room_plan(), AlignOptions(min_margin=-1.0)).warnings == ()
+    with patch.object(selection, "MIN_MARGIN", -1.0):
+        assert align(walls, room_plan(), AlignOptions()).findings == ()
 
 
-def test_distinct_translation_and_yaw_say_what_is_another_alignment():
+def test_what_is_within_the_distance_of_another_alignment_is_the_same_one(monkeypatch):
+    anywhere = selection.SameWithin(100.0, 181.0, 0.03)
+    monkeypatch.setattr(selection.SameWithin, "distinct", lambda: anywhere)
     walls = seen(room_plan(), np.arange(4), np.eye(4))
-    one = align(
-        walls, room_plan(), AlignOptions(distinct_yaw_deg=181.0, distinct_translation_m=100.0)
-    )
+    one = align(walls, room_plan(), AlignOptions())
     assert one.runner_up is None
     assert one.margin == one.score
 
 
 def test_max_yaws_and_candidates(office):
     walls = seen(office, np.arange(12), se3.yaw_transform(0.5))
-    assert len(candidate_yaws(walls, office, 3)) == 3
-    only = align(walls, office, AlignOptions(max_yaws=1, max_candidates=1))
+    with patch.object(candidates, "MAX_YAWS", 3):
+        assert len(candidate_yaws(walls, office)) == 3
+    with (
+        patch.object(candidates, "MAX_YAWS", 1),
+        patch.object(search, "MAX_CANDIDATES", 1),
+    ):
+        only = align(walls, office, AlignOptions())
     assert only.runner_up is None
 
 
 def test_candidate_yaws_begin_with_the_true_one(office, rng):
     for _ in range(10):
         yaw = rng.uniform(-np.pi, np.pi)
-        yaws = candidate_yaws(seen(office, np.arange(12), se3.yaw_transform(yaw)), office, 8)
+        yaws = candidate_yaws(seen(office, np.arange(12), se3.yaw_transform(yaw)), office)
         off = (yaws - yaw + np.pi) % (2 * np.pi) - np.pi
         assert np.rad2deg(np.abs(off)).min() < 1.0  # four quarters agree equally well
         apart = np.abs((yaws[:, None] - yaws + np.pi) % (2 * np.pi) - np.pi)
@@ -238,17 +250,13 @@ def test_candidate_yaws_begin_with_the_true_one(office, rng):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        AlignOptions(cell_m=0.1),
-        AlignOptions(cell_m=0.4),
-        AlignOptions(reach_m=0.2),
-        AlignOptions(reach_m=0.8),
-    ],
+    "changed", [{"CELL_M": 0.1}, {"CELL_M": 0.4}, {"REACH_M": 0.2}, {"REACH_M": 0.8}]
 )
-def test_cell_and_reach_change_the_search_and_not_the_answer(office, options):
+def test_cell_and_reach_change_the_search_and_not_the_answer(office, changed):
     truth = se3.yaw_transform(-0.6, np.array([5.0, 9.0, 0.0]))
-    assert_at(align(seen(office, np.arange(12), truth), office, options), truth, middle=(6, 2, 0))
+    with patch.multiple(search, **changed):
+        found = align(seen(office, np.arange(12), truth), office, AlignOptions())
+    assert_at(found, truth, middle=(6, 2, 0))
 
 
 def test_samples_are_evenly_spaced_and_keep_their_normals():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import faces_plan, moved_plan
-from planfit.alignment import AlignOptions, align_paper, sample_walls
+from planfit.alignment import align_paper, sample_walls
 from planfit.alignment.paper import boundary_scan, floorplan_3d, main_direction
 from planfit.errors import ScanError
 from planfit.findings import PlanKind
@@ -39,7 +39,7 @@ def test_a_whole_scan_is_aligned_with_its_scale(rng, yaw):
         walls, xy=walls.xy @ rotation.T + translation, normals=walls.normals @ rotation.T
     )
     plan = replace(PLAN, ends=PLAN.ends / 0.02, is_metric=False)
-    found = align_paper(points, walls, plan, AlignOptions(), rng)
+    found = align_paper(points, walls, plan, rng)
     assert found.scale_xy == pytest.approx((0.02, 0.02), rel=0.02)
     off = found.plan_from_level @ level_from_plan
     assert np.linalg.norm(off[:2, 3]) < 0.2
@@ -51,21 +51,21 @@ def test_a_whole_scan_is_aligned_with_its_scale(rng, yaw):
 def test_a_partial_scan_breaks_its_first_assumption(rng):
     points, walls = scanned(PLAN, np.array([3, 4, 5]), rng)
     plan = replace(PLAN, ends=PLAN.ends / 0.02, is_metric=False)
-    found = align_paper(points, walls, plan, AlignOptions(), rng)
+    found = align_paper(points, walls, plan, rng)
     assert not found.is_sure
     assert any(each.kind is PlanKind.EXTENTS_DIFFER for each in found.findings)
 
 
 def test_a_square_breaks_its_choice_of_rotation(rng):
     plan = faces_plan([[0, 0], [6, 0], [6, 6], [0, 6]])
-    found = align_paper(*scanned(plan, np.arange(4), rng), plan, AlignOptions(), rng)
+    found = align_paper(*scanned(plan, np.arange(4), rng), plan, rng)
     assert any(each.kind is PlanKind.ROTATIONS_ALIKE for each in found.findings)
 
 
 def test_walls_of_many_directions_break_its_right_angles(rng):
     angle = np.arange(12) * np.pi / 6 + 0.1
     ring = faces_plan(5 * np.column_stack([np.cos(angle), np.sin(angle)]))
-    found = align_paper(*scanned(ring, np.arange(12), rng), ring, AlignOptions(), rng)
+    found = align_paper(*scanned(ring, np.arange(12), rng), ring, rng)
     assert any(each.kind is PlanKind.FEW_RIGHT_ANGLES for each in found.findings)
 
 
@@ -98,12 +98,12 @@ def test_a_scan_without_walls_above_the_floor_is_refused(rng):
     floor = np.column_stack([rng.uniform(0, 5, (500, 2)), np.zeros(500)])
     _, walls = scanned(PLAN, np.arange(6), rng)
     with pytest.raises(ScanError, match="expected walls above the floor, found 0 points"):
-        align_paper(floor, walls, PLAN, AlignOptions(), rng)
+        align_paper(floor, walls, PLAN, rng)
 
 
 def test_a_plan_in_metres_keeps_its_scale_wherever_it_lies(rng):
     move = se3.yaw_transform(0.6, np.array([50.0, 20.0, 0.0]))
     points, walls = scanned(PLAN, np.arange(6), rng)
-    found = align_paper(points, walls, moved_plan(PLAN, move), AlignOptions(), rng)
+    found = align_paper(points, walls, moved_plan(PLAN, move), rng)
     assert found.scale_xy == (1.0, 1.0)
     assert found.score < 1.0

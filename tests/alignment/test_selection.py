@@ -8,6 +8,7 @@ from builders import room_plan
 from planfit.alignment import MENDED_BY_WALLS, AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis
 from planfit.alignment.selection import (
+    MIN_SCORE,
     SameWithin,
     best_elsewhere,
     is_same,
@@ -77,10 +78,10 @@ def test_what_fits_little_must_stand_out_more(walls, score, elsewhere, is_sure):
 def test_that_little_wall_fits_is_told_as_what_the_adjustment_may_mend(walls):
     # A walk that drifted by a metre: 39 % before the walls had pulled, 95 % after.
     options = AlignOptions()
-    few = [hypothesis(walls, score=options.min_score - 0.1)]
+    few = [hypothesis(walls, score=MIN_SCORE - 0.1)]
     found = select_hypothesis(walls, few, None, None, room_plan(), options)
     (little,) = found.findings
     assert little.kind is PlanKind.LITTLE_WALL_ON_PLAN
     assert little.kind in MENDED_BY_WALLS
-    many = [hypothesis(walls, score=options.min_score + 0.3)]
+    many = [hypothesis(walls, score=MIN_SCORE + 0.3)]
     assert select_hypothesis(walls, many, None, None, room_plan(), options).findings == ()

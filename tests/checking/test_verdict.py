@@ -183,7 +183,7 @@ def test_thresholds_are_options(options, outcome):
     assert judge(make_evidence(), options).outcome == outcome
 
 
-def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against():
+def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against(monkeypatch):
     def outcome(is_alone, **changes):
         return make_verdict(is_alone=is_alone, **changes).outcome
 
@@ -198,7 +198,8 @@ def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against():
     assert outcome(False, visits=(apart,)) == "no better"
     assert outcome(True, visits=(apart,)) == "refined"
     assert outcome(True, visits=(apart,) * 3) == "no better"
-    judged = judge(make_evidence(is_alone=True, **error), VerdictOptions(alone_factor=1.0))
+    monkeypatch.setattr("planfit.pipeline.verdict.ALONE_FACTOR", 1.0)
+    judged = judge(make_evidence(is_alone=True, **error), VerdictOptions())
     assert judged.outcome == "improved"
 
 

@@ -1,5 +1,7 @@
 """IBA: geometry never beyond its bound, at any iterate, whatever the other terms want."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -12,7 +14,7 @@ from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
 from planfit.adjust.terms.walls import WallOptions, WallTerm
 from planfit.errors import OptionError
-from planfit.lsq import problem
+from planfit.lsq import bounded, problem, solver
 from planfit.lsq.bounded import BarrierTerm, BoundedOptions, growth_power, solve_bounded
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.pose_terms import PosePriorTerm
@@ -48,12 +50,13 @@ def accepted(monkeypatch):
         if not any(isinstance(term, BarrierTerm) for term in terms):
             return solve(terms, poses, options)
         # One step a round, one round a solve: every accepted iterate comes by.
-        one = SolverOptions(1, 1, options.cost_tolerance, options.initial_damping)
-        for _ in range(2 * options.max_iterations):
+        one = SolverOptions(1, options.cost_tolerance)
+        with patch.object(solver, "STEPS_PER_REWEIGHTING", 1):
+            for _ in range(2 * options.max_iterations):
+                path.append(poses)
+                poses = solve(terms, poses, one).target_from_cams
             path.append(poses)
-            poses = solve(terms, poses, one).target_from_cams
-        path.append(poses)
-        return solve(terms, poses, one)
+            return solve(terms, poses, one)
 
     monkeypatch.setattr(problem, "solve", solve_and_record)
     return path
@@ -80,8 +83,9 @@ def test_point_error_never_exceeds_the_bound_at_any_iterate(accepted, loss, weig
     world = make_world(rng)
     points = noisy_points(world, rng, loss)
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
-    options = BoundedOptions(barrier_share=share)
-    result = solve_bounded([points], disagreeing(world, weight), start, options, QUICK)
+    with patch.object(bounded, "BARRIER_SHARE", share):
+        others = disagreeing(world, weight)
+        result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
     costs = [robust_cost([points], poses) for poses in accepted]
     assert len(costs) > 10
     assert max(costs) < result.bound
@@ -206,7 +210,8 @@ def test_exact_matches_leave_the_slack_to_reach_the_plan(rng):
     points = PointTerm(world.matches, PointOptions())
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     tight = SolverOptions(max_iterations=200, cost_tolerance=1e-10)
-    result = solve_bounded([points], others, start, BoundedOptions(barrier_share=1e-3), tight)
+    with patch.object(bounded, "BARRIER_SHARE", 1e-3):
+        result = solve_bounded([points], others, start, BoundedOptions(), tight)
     assert result.bounded_cost.after < result.bound < 2e-3
     assert_allclose(result.solution.target_from_cams, world.plan_from_cams, atol=5e-3)
 
@@ -230,7 +235,8 @@ def test_a_smaller_barrier_comes_closer_to_the_bound(rng):
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
     used = []
     for share in (1.0, 0.1, 0.01):
-        result = solve_bounded([points], others, start, BoundedOptions(barrier_share=share), QUICK)
+        with patch.object(bounded, "BARRIER_SHARE", share):
+            result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
         cost = result.bounded_cost
         used.append((cost.after - cost.before) / (result.bound - cost.before))
     assert used == sorted(used)
@@ -292,9 +298,7 @@ def test_others_that_cost_nothing_change_nothing_much(rng):
     assert result.bounded_cost.after <= result.bounded_cost.before * (1 + 1e-9)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"), [("error_factor", 0.9), ("slack", 0.0), ("barrier_share", 0.0)]
-)
+@pytest.mark.parametrize(("name", "value"), [("error_factor", 0.9), ("slack", 0.0)])
 def test_refuses_options_that_cannot_work(name, value):
     with pytest.raises(OptionError, match=name):
         BoundedOptions(**{name: value})

@@ -1,6 +1,7 @@
 """The solver: finds the truth, says why it stopped, never climbs, and leaves the unheld alone."""
 
 from dataclasses import dataclass, replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from scipy.optimize import least_squares
 from builders import make_matches, make_world, nudged, position_rms_m, random_transforms
 from planfit.adjust.terms.points import PointOptions, PointTerm
 from planfit.geometry import se3
+from planfit.lsq import solver
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
@@ -137,8 +139,9 @@ def test_more_steps_a_reweighting_go_further_in_one_round(points_and_prior, worl
     start = nudged(rng, world.plan_from_cams, 10.0, 0.5)
 
     def after(steps):
-        options = SolverOptions(max_iterations=1, steps_per_reweighting=steps)
-        return solve(points_and_prior, start, options).cost_by_term["points"].after
+        with patch.object(solver, "STEPS_PER_REWEIGHTING", steps):
+            solution = solve(points_and_prior, start, SolverOptions(max_iterations=1))
+        return solution.cost_by_term["points"].after
 
     assert after(4) < after(1)
 
@@ -147,8 +150,9 @@ def test_initial_damping_shortens_the_first_step(points_and_prior, world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
 
     def moved_m(damping):
-        options = SolverOptions(max_iterations=1, steps_per_reweighting=1, initial_damping=damping)
-        return position_rms_m(solve(points_and_prior, start, options).target_from_cams, start)
+        with patch.multiple(solver, STEPS_PER_REWEIGHTING=1, INITIAL_DAMPING=damping):
+            solution = solve(points_and_prior, start, SolverOptions(max_iterations=1))
+        return position_rms_m(solution.target_from_cams, start)
 
     assert moved_m(100.0) < 0.5 * moved_m(1e-6)
 

@@ -1,6 +1,7 @@
 """Floor, wall and ceiling by geometry alone, against the true surface of every pixel."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,6 +15,14 @@ from planfit.scan.views import FilesView
 from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end
 from planfit.segmentation.geometry_labels import GeometryLabelOptions
 from planfit.segmentation.label_kernels import CELL_M, label_level, label_walls
+from planfit.segmentation import (
+    Gravity,
+    SegmentationOptions,
+    back_ends,
+    choose_back_end,
+    geometry_labels,
+)
+from planfit.segmentation.kernels import CELL_M, label_level, label_walls
 from planfit.segmentation.visibility_map import Submap
 
 POSE = look([1.0, 2.0, 1.5], 10, 20)
@@ -22,11 +31,11 @@ CUPBOARD = ((5.3, 1.0, 0.0), (6.0, 3.0, 2.0))
 ROOM_TOP = 2.6
 
 
-def labelled(poses=(POSE,), boxes=(), holes=(), room_from_world=None, frame=0, **options):
+def labelled(poses=(POSE,), boxes=(), holes=(), room_from_world=None, frame=0):
     """Labels of one frame of a scan of the room, and its points in the room."""
     room_from_world = np.eye(4) if room_from_world is None else room_from_world
     scan = room_scan(np.stack(poses), room_from_world, boxes=boxes, holes=holes)
-    chosen = SegmentationOptions(back_end="geometry", geometry=GeometryLabelOptions(**options))
+    chosen = SegmentationOptions(back_end="geometry")
     up = Gravity(room_from_world[2, :3], 1.0, "known")
     depth = scan.files.depth(frame)
     labels = choose_back_end(scan, up, chosen, Runtime(1)).labels(frame, depth)
@@ -87,8 +96,8 @@ def test_a_table_is_neither():
     assert np.mean(labels[front] == Label.WALL) < 0.01
 
 
-def share_of_front(poses, frame=0, **options):
-    labels, points = labelled(poses, [CUPBOARD], frame=frame, **options)
+def share_of_front(poses, frame=0):
+    labels, points = labelled(poses, [CUPBOARD], frame=frame)
     front = (np.abs(points[..., 0] - CUPBOARD[0][0]) < 0.02) & (points[..., 2] > 0.4)
     front &= points[..., 2] < 1.8
     assert front.sum() > 300
@@ -106,20 +115,25 @@ def test_a_cupboard_that_is_seen_over_is_no_wall_in_frames_that_do_not_see_over_
 
 def test_free_above_m():
     level = [look([2.0, 1.6 + 0.05 * i, 1.6], 0, -12) for i in range(8)]
-    assert share_of_front(level, free_above_m=0.15) < 0.1
-    assert share_of_front(level, free_above_m=2.0) > 0.8
+    with patch.multiple(back_ends, _FREE_ABOVE_M=0.15):
+        assert share_of_front(level) < 0.1
+    with patch.multiple(back_ends, _FREE_ABOVE_M=2.0):
+        assert share_of_front(level) > 0.8
 
 
 def test_submap_frames_is_how_far_lines_of_sight_are_shared():
     down = look([2.0, 2.0, 1.6], 0, 30)
     level = [look([2.0, 1.6 + 0.05 * i, 1.6], 0, -12) for i in range(8)]
     poses = [*[down] * 4, *level]
-    assert share_of_front(poses, submap_frames=12) < 0.1
-    assert share_of_front(poses, submap_frames=2) > 0.8
+    with patch.multiple(back_ends, _SUBMAP_FRAMES=12):
+        assert share_of_front(poses) < 0.1
+    with patch.multiple(back_ends, _SUBMAP_FRAMES=2):
+        assert share_of_front(poses) > 0.8
 
 
 def test_min_wall_rise_m():
-    labels, _ = labelled(views(20.0), min_wall_rise_m=9.0)
+    with patch.multiple(back_ends, _MIN_WALL_RISE_M=9.0):
+        labels, _ = labelled(views(20.0))
     assert not np.any(labels == Label.WALL)
     assert np.any(labels == Label.FLOOR)
 
@@ -152,11 +166,14 @@ def test_max_tilt_deg():
     scan = room_scan(np.stack(views(20.0)))
 
     def wall(max_tilt_deg):
-        options = SegmentationOptions(
-            back_end="geometry", geometry=GeometryLabelOptions(max_tilt_deg=max_tilt_deg)
-        )
+        options = SegmentationOptions(back_end="geometry")
         gravity = Gravity(off[2, :3], 1.0, "9 deg off")
-        labels = choose_back_end(scan, gravity, options, Runtime(1)).labels(0, scan.files.depth(0))
+        with (
+            patch.object(back_ends, "MAX_TILT_DEG", max_tilt_deg),
+            patch.object(geometry_labels, "MAX_TILT_DEG", max_tilt_deg),
+        ):
+            back_end = choose_back_end(scan, gravity, options, Runtime(1))
+            labels = back_end.labels(0, scan.files.depth(0))
         return np.mean(labels == Label.WALL)
 
     assert wall(15.0) > wall(3.0) + 0.1
@@ -166,7 +183,8 @@ def test_floor_band_m_is_about_the_floors_height():
     step = ((2.0, 1.0, 0.0), (4.0, 3.0, 0.12))
 
     def share(band_m):
-        labels, points = labelled(views(25.0), [step], floor_band_m=band_m)
+        with patch.multiple(geometry_labels, _FLOOR_BAND_M=band_m):
+            labels, points = labelled(views(25.0), [step])
         top = np.abs(points[..., 2] - 0.12) < 0.005
         assert top.sum() > 300
         return np.mean(labels[~top & (points[..., 2] < 0.01)] == Label.FLOOR), np.mean(
@@ -181,9 +199,12 @@ def test_floor_band_m_is_about_the_floors_height():
 def test_tolerance_and_growth_fill_what_normals_leave():
     poses = views(20.0)
     grown, points = labelled(poses)
-    bare, _ = labelled(poses, grow_px=1)
-    tight, _ = labelled(poses, tolerance_m=1e-4, tolerance_per_m2=0.0)
-    wide, _ = labelled(poses, tolerance_m=0.2)
+    with patch.multiple(geometry_labels, _GROW_PX=1):
+        bare, _ = labelled(poses)
+    with patch.multiple(geometry_labels, _TOLERANCE_M=1e-4, _TOLERANCE_PER_M2=0.0):
+        tight, _ = labelled(poses)
+    with patch.multiple(geometry_labels, _TOLERANCE_M=0.2):
+        wide, _ = labelled(poses)
     n = [np.sum(x == Label.WALL) for x in (grown, bare, tight, wide)]
     assert n[0] > n[1]
     assert n[0] >= n[2]
@@ -194,8 +215,10 @@ def test_tolerance_and_growth_fill_what_normals_leave():
 
 
 def test_a_larger_radius_is_steadier():
-    fine, _ = labelled(views(20.0), normal_radius_px=2)
-    blurred, _ = labelled(views(20.0), normal_radius_px=8)
+    with patch.multiple(back_ends, _NORMAL_RADIUS_PX=2):
+        fine, _ = labelled(views(20.0))
+    with patch.multiple(back_ends, _NORMAL_RADIUS_PX=8):
+        blurred, _ = labelled(views(20.0))
     assert 0.8 < np.mean(fine == blurred) < 1.0
 
 
@@ -261,9 +284,8 @@ def test_depth_of_frames_that_submaps_share_is_decoded_once():
             decoded.append(frame_idx)
             return super().depth(frame_idx)
 
-    options = SegmentationOptions(
-        back_end="geometry", geometry=GeometryLabelOptions(submap_frames=4)
-    )
+    options = SegmentationOptions(back_end="geometry")
     up = Gravity(np.array([0.0, 0.0, 1.0]), 1.0, "known")
-    choose_back_end(replace(scan, files=Counted(scan.files)), up, options, Runtime(1))
+    with patch.object(back_ends, "_SUBMAP_FRAMES", 4):
+        choose_back_end(replace(scan, files=Counted(scan.files)), up, options, Runtime(1))
     assert sorted(decoded) == list(range(12))

@@ -1,6 +1,7 @@
 """Up: recorded, or found from the most common normal."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from builders import NoFiles, look, room_scan
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.segmentation import find_gravity, level_from_world
-from planfit.segmentation.gravity import Gravity, GravityOptions, _most_common
+from planfit.segmentation import gravity as gravity_module
+from planfit.segmentation.gravity import Gravity, _most_common
 
 VIEWS = np.stack(
     [look([2 + 0.2 * i, 1.5 + 0.1 * i, 1.4], 40 * i, 25 if i % 3 else -10, 4 * (i % 3 - 1))
@@ -30,7 +32,7 @@ def test_up_of_a_tilted_world_is_found(rotation_vector):
         se3.exp_so3(np.array(rotation_vector)), np.array([1.0, 2, 3])
     )
     scan = room_scan(VIEWS, room_from_world, noise_m=0.005, boxes=[((4, 0, 0), (5, 1, 0.8))])
-    gravity = find_gravity(scan, GravityOptions(), Runtime(2))
+    gravity = find_gravity(scan, Runtime(2))
     assert angle_deg(gravity.up_world, room_from_world[2, :3]) < 0.3
     assert gravity.confidence > 0.5
     assert np.linalg.norm(gravity.up_world) == pytest.approx(1.0)
@@ -40,7 +42,7 @@ def test_up_of_a_tilted_world_is_found(rotation_vector):
 
 def test_what_the_format_records_is_taken_as_it_is():
     scan = replace(room_scan(VIEWS), up_world=np.array([0.0, 1.0, 0.0]))
-    gravity = find_gravity(scan, GravityOptions(), Runtime(1))
+    gravity = find_gravity(scan, Runtime(1))
     assert_allclose(gravity.up_world, [0, 1, 0])
     assert gravity.confidence == 1.0
     assert "recorded" in gravity.source
@@ -52,7 +54,7 @@ def test_without_level_surfaces_the_cameras_say_and_a_warning_is_given():
             return np.full((120, 160), np.nan, np.float32)
 
     scan = replace(room_scan([look([3, 2, 1.4], 10)] * 3), files=Blind())
-    gravity = find_gravity(scan, GravityOptions(), Runtime(1))
+    gravity = find_gravity(scan, Runtime(1))
     assert gravity.confidence == 0.0
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 1e-6
     assert "too few" in gravity.source
@@ -60,14 +62,14 @@ def test_without_level_surfaces_the_cameras_say_and_a_warning_is_given():
 
 def test_a_ceiling_counts_with_the_floor():
     up = np.tile([0, 0, 1.0], (60, 1))
-    gravity = _most_common(np.concatenate([up, -up]), np.array([0, 0.3, 0.95]), GravityOptions())
+    gravity = _most_common(np.concatenate([up, -up]), np.array([0, 0.3, 0.95]))
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 1e-6
     assert gravity.confidence == 1.0
 
 
 def test_the_sign_comes_from_the_cameras():
     normals = np.tile([0, 0, 1.0], (200, 1))
-    gravity = _most_common(normals, np.array([0, 0.1, -0.99]), GravityOptions())
+    gravity = _most_common(normals, np.array([0, 0.1, -0.99]))
     assert angle_deg(gravity.up_world, [0, 0, -1]) < 1e-6
 
 
@@ -82,21 +84,26 @@ def mixed(rng, n_floor, n_slope, slope_deg):
 
 
 def test_a_smaller_slope_has_no_weight(rng):
-    gravity = _most_common(mixed(rng, 600, 300, 20), np.array([0, 0, 1.0]), GravityOptions())
+    gravity = _most_common(mixed(rng, 600, 300, 20), np.array([0, 0, 1.0]))
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 0.3
     assert gravity.confidence == pytest.approx(2 / 3, abs=0.02)
 
 
 def test_max_tilt_deg_tells_floor_from_wall(rng):
     normals, near = mixed(rng, 300, 600, 60), np.array([0, 0, 1.0])
-    assert angle_deg(_most_common(normals, near, GravityOptions()).up_world, near) < 0.3
-    wide = _most_common(normals, near, GravityOptions(max_tilt_deg=80.0))
+    assert angle_deg(_most_common(normals, near).up_world, near) < 0.3
+    with patch.object(gravity_module, "_MAX_TILT_DEG", 80.0):
+        wide = _most_common(normals, near)
     assert angle_deg(wide.up_world, near) > 50
 
 
 def test_cluster_deg_is_what_takes_part(rng):
     normals, near = mixed(rng, 600, 300, 8), np.array([0, 0, 1.0])
-    narrow, wide = (_most_common(normals, near, GravityOptions(cluster_deg=d)) for d in (3, 12))
+    found = []
+    for cluster_deg in (3, 12):
+        with patch.object(gravity_module, "_CLUSTER_DEG", cluster_deg):
+            found.append(_most_common(normals, near))
+    narrow, wide = found
     assert narrow.confidence == pytest.approx(2 / 3, abs=0.05)
     assert wide.confidence > 0.99
     # A slope within it counts a little: its weight has fallen to a thousandth.
@@ -114,9 +121,9 @@ def walls(rng, n):
 def test_walls_mend_a_floor_that_is_off(rng):
     floor = mixed(rng, 300, 0, 0) @ se3.exp_so3(np.array([np.deg2rad(1.0), 0, 0])).T
     near = np.array([0, 0, 1.0])
-    alone = _most_common(floor, near, GravityOptions())
+    alone = _most_common(floor, near)
     assert angle_deg(alone.up_world, near) > 0.9
-    both = _most_common(np.concatenate([floor, walls(rng, 3000)]), near, GravityOptions())
+    both = _most_common(np.concatenate([floor, walls(rng, 3000)]), near)
     assert angle_deg(both.up_world, near) < 0.3
 
 
@@ -128,7 +135,8 @@ def test_max_frames_bounds_what_is_read():
             read.append(i)
             return scan.files.depth(i)
 
-    find_gravity(replace(scan, files=Counting()), GravityOptions(max_frames=3), Runtime(1))
+    with patch.object(gravity_module, "_MAX_FRAMES", 3):
+        find_gravity(replace(scan, files=Counting()), Runtime(1))
     assert sorted(read) == [0, 4, 8]
 
 

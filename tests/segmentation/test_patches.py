@@ -1,10 +1,14 @@
 """Flat upright patches among wall points."""
 
+from dataclasses import replace
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planfit.segmentation.patches import PatchOptions, find_patches
+from planfit.segmentation import patches
+from planfit.segmentation.patches import WALL_PATCH, find_patches
 
 
 def wall(rng, first, last, n=200, noise_m=0.01):
@@ -13,8 +17,9 @@ def wall(rng, first, last, n=200, noise_m=0.01):
     return xy + rng.normal(0, noise_m, xy.shape)
 
 
-def found(xy, seed=0, **options):
-    return find_patches(xy, PatchOptions(**options), np.random.default_rng(seed))
+def found(xy, seed=0, **sizes):
+    size = replace(WALL_PATCH, **sizes)
+    return find_patches(xy, size, np.random.default_rng(seed))
 
 
 def test_a_wall_ahead(rng):
@@ -39,12 +44,12 @@ def test_normals_point_to_the_camera(rng, angle_deg):
 
 def test_a_corner_is_two_patches_and_no_point_is_in_both(rng):
     xy = np.concatenate([wall(rng, [-2, 3], [1, 3], 300), wall(rng, [1, 3], [1, 0], 200)])
-    patches = found(xy)
-    assert len(patches) == 2
-    assert_allclose(patches[0].normal, [0, -1], atol=0.02)
-    assert_allclose(patches[1].normal, [-1, 0], atol=0.02)
-    assert not set(patches[0].point_idx) & set(patches[1].point_idx)
-    assert np.mean(patches[0].point_idx < 300) > 0.97
+    parts = found(xy)
+    assert len(parts) == 2
+    assert_allclose(parts[0].normal, [0, -1], atol=0.02)
+    assert_allclose(parts[1].normal, [-1, 0], atol=0.02)
+    assert not set(parts[0].point_idx) & set(parts[1].point_idx)
+    assert np.mean(parts[0].point_idx < 300) > 0.97
 
 
 def test_a_gap_ends_a_patch(rng):
@@ -88,15 +93,21 @@ def test_min_length_m(rng):
 def test_max_per_frame(rng):
     xy = np.concatenate([wall(rng, [-3, y], [3, y]) for y in (1, 2, 3, 4)])
     assert len(found(xy)) == 4
-    assert len(found(xy, max_per_frame=2)) == 2
+    with patch.object(patches, "_MAX_PER_FRAME", 2):
+        assert len(found(xy)) == 2
 
 
 def test_tolerance_m_and_its_growth(rng):
     xy = wall(rng, [-2, 4], [2, 4], 400, noise_m=0.0)
     xy[:100, 1] += 0.06
-    assert len(found(xy, tolerance_m=0.03, tolerance_per_m=0.0)[0].point_idx) <= 300
-    assert len(found(xy, tolerance_m=0.1, tolerance_per_m=0.0)[0].point_idx) == 400
-    assert len(found(xy, tolerance_m=0.03, tolerance_per_m=0.02)[0].point_idx) == 400
+
+    def n_points(tolerance_m, per_m):
+        with patch.multiple(patches, _TOLERANCE_M=tolerance_m, _TOLERANCE_PER_M=per_m):
+            return len(found(xy)[0].point_idx)
+
+    assert n_points(0.03, 0.0) <= 300
+    assert n_points(0.1, 0.0) == 400
+    assert n_points(0.03, 0.02) == 400
 
 
 def test_more_rounds_find_smaller_patches(rng):
@@ -104,10 +115,11 @@ def test_more_rounds_find_smaller_patches(rng):
     xy = np.concatenate([clutter, wall(rng, [-2, 3], [2, 3], 100, 0.003)])
 
     def hits(rounds):
-        return sum(
-            any(np.mean(p.point_idx >= 500) > 0.6 for p in found(xy, seed, rounds=rounds))
-            for seed in range(10)
-        )
+        with patch.object(patches, "_ROUNDS", rounds):
+            return sum(
+                any(np.mean(p.point_idx >= 500) > 0.6 for p in found(xy, seed))
+                for seed in range(10)
+            )
 
     assert hits(400) >= 9
     assert hits(3) <= 7

@@ -1,6 +1,7 @@
 """Floor points and wall patches of a room, in camera frames, from either back end."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,10 +14,8 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.runtime.mapped import CAN_LET_GO, is_mapped
 from planfit.scan import Label
-from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment_scan
-from planfit.segmentation.geometry_labels import GeometryLabelOptions
+from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment, segment_scan
 from planfit.segmentation.joined import join_structures
-from planfit.segmentation.patches import PatchOptions
 
 VIEWS = np.stack([look([2 + 0.3 * i, 1.6, 1.4], 60 * i, 12) for i in range(6)])
 UP = Gravity(np.array([0, 0, 1.0]), 1.0, "known")
@@ -168,13 +167,22 @@ def test_stride_px(scan):
 
 
 def test_erode_px(masked):
-    assert n_points(masked, erode_px=8) < 0.9 * n_points(masked, erode_px=0)
+    def with_erosion(erode_px):
+        with patch.object(segment, "_ERODE_PX", erode_px):
+            return n_points(masked)
+
+    assert with_erosion(8) < 0.9 * with_erosion(0)
 
 
 def test_edge_step():
     table = room_scan(VIEWS, boxes=[((3.5, 2.0, 0), (4.5, 3.0, 0.8))], fingerprint="table")
     masked = replace(table, files=Masked(table), has_labels=True)
-    assert n_points(masked, edge_step=0.005) < n_points(masked, edge_step=10.0)
+
+    def with_edges(edge_step):
+        with patch.object(segment, "_EDGE_STEP", edge_step):
+            return n_points(masked)
+
+    assert with_edges(0.005) < with_edges(10.0)
 
 
 def test_seed_chooses_other_points(scan):
@@ -183,13 +191,6 @@ def test_seed_chooses_other_points(scan):
     assert_array_equal(one.floor.points_cam, extracted(scan, few).floor.points_cam)
     other = extracted(scan, replace(few, seed=1))
     assert not np.array_equal(one.floor.points_cam, other.floor.points_cam)
-
-
-def test_options_of_the_parts_reach_them(scan):
-    few = extracted(scan, replace(SMALL, patches=PatchOptions(max_per_frame=1)))
-    assert np.bincount(few.walls.frame_idx).max() == 1
-    strict = GeometryLabelOptions(min_wall_rise_m=9.0)
-    assert len(extracted(scan, replace(SMALL, geometry=strict)).walls) == 0
 
 
 def test_unmatched_builders_agree(rng):

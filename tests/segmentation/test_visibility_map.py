@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from planfit.segmentation.storeys import StoreyOptions, storey_heights
+from planfit.segmentation.storeys import storey_heights
 from planfit.segmentation.visibility_map import FrameSample, build_submap, level_peaks
 
 
@@ -84,7 +84,7 @@ def test_what_is_seen_over_is_no_wall_and_what_is_behind_it_is():
 
 def test_storeys_keep_their_floors_and_tables_and_gaps_get_them():
     floors = np.array([0.0, 0.05, 0.75, np.nan, 0.02, 1.5, 3.0, 3.02, 3.0, 2.98])
-    found = storey_heights(floors, StoreyOptions())
+    found = storey_heights(floors)
     assert_allclose(found[[0, 1, 4, 6, 7, 8, 9]], floors[[0, 1, 4, 6, 7, 8, 9]])
     assert_allclose(found[3], 0.02)
     assert_allclose(found[2], 0.05)
@@ -93,18 +93,18 @@ def test_storeys_keep_their_floors_and_tables_and_gaps_get_them():
 
 def test_the_lower_of_two_heights_is_the_floor_though_most_submaps_see_the_worktop():
     floors = np.array([0.7, 0.71, 0.7, 0.0, 0.7, 0.7])
-    assert_allclose(storey_heights(floors, StoreyOptions()), 0.0)
+    assert_allclose(storey_heights(floors), 0.0)
 
 
 def test_a_floor_that_drifts_over_a_long_scan_stays_what_it_is():
     floors = np.linspace(0.0, 1.0, 11)
-    assert_allclose(storey_heights(floors, StoreyOptions()), floors)
+    assert_allclose(storey_heights(floors), floors)
 
 
 def test_one_stray_low_floor_among_many_is_ignored():
     floors = np.array([-1.0] + [0.0] * 39)
-    assert_allclose(storey_heights(floors, StoreyOptions())[1:], 0.0)
+    assert_allclose(storey_heights(floors)[1:], 0.0)
 
 
 def test_no_storey_at_all():
-    assert np.isnan(storey_heights(np.full(3, np.nan), StoreyOptions())).all()
+    assert np.isnan(storey_heights(np.full(3, np.nan))).all()

@@ -1,5 +1,7 @@
 """Jumps, outliers and their correction, on walks whose truth is known."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +11,7 @@ from measured_walk import displaced, measure, tracked, walk
 from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, judge_tracking
+from planfit.tracking import TrackingOptions, breaks, judge_tracking
 from planfit.tracking.motions import MeasuredMotions
 
 USUAL = OdometryOptions()
@@ -118,7 +120,8 @@ def test_a_motion_that_stands_alone_needs_many_matches(rng):
         motions.pairs, motions.a_from_b, motions.covariance, motions.n_inliers // 5
     )
     assert judged(spoilt, few).breaks == ()
-    assert len(judged(spoilt, few, min_matches_alone=15).breaks) == 1
+    with patch.object(breaks, "MIN_MATCHES_ALONE", 15):
+        assert len(judged(spoilt, few).breaks) == 1
     assert len(judged(spoilt, motions).breaks) == 1
 
 
@@ -127,10 +130,12 @@ def test_small_departures_are_left_to_robust_losses(rng):
     poses, motions = tracked(true, rng), measure(true, rng)
     spoilt = displaced(poses, 40, len(poses) - 1, 0.4, 0.0, rng)
     assert judged(spoilt, motions).breaks == ()
-    assert len(judged(spoilt, motions, min_jump_m=0.3).breaks) == 1
+    with patch.object(breaks, "MIN_JUMP_M", 0.3):
+        assert len(judged(spoilt, motions).breaks) == 1
     turned = displaced(poses, 40, len(poses) - 1, 0.0, 6.0, rng)
     assert judged(turned, motions).breaks == ()
-    assert len(judged(turned, motions, min_jump_deg=4.0).breaks) == 1
+    with patch.object(breaks, "MIN_JUMP_DEG", 4.0):
+        assert len(judged(turned, motions).breaks) == 1
 
 
 def test_wider_sigmas_contradict_less(rng):
@@ -138,10 +143,11 @@ def test_wider_sigmas_contradict_less(rng):
     poses, motions = tracked(true, rng), measure(true, rng)
     spoilt = displaced(poses, 40, len(poses) - 1, 1.0, 0.0, rng)
     assert len(judged(spoilt, motions).breaks) == 1
-    assert judged(spoilt, motions, max_sigmas=500.0).breaks == ()
+    with patch.object(breaks, "MAX_SIGMAS", 500.0):
+        assert judged(spoilt, motions).breaks == ()
 
 
-def test_mending_and_adapting_can_be_switched_off(rng):
+def test_mending_can_be_switched_off(rng):
     true = walk(rng)
     poses, motions = tracked(true, rng), measure(true, rng)
     spoilt = displaced(poses, 40, len(poses) - 1, 4.0, 40.0, rng)
@@ -150,7 +156,6 @@ def test_mending_and_adapting_can_be_switched_off(rng):
     assert tracking.breaks == ()
     noisy = tracked(true, rng, np.deg2rad(0.8), 0.1)
     assert judged(noisy, motions, mend=False).sigma_factors[1] > 3.0
-    assert judged(noisy, motions, adapt_sigmas=False).sigma_factors == (1.0, 1.0)
 
 
 def test_findings_have_the_frames_and_both_motions(rng):

@@ -1,5 +1,7 @@
 """The time between images and poses, found from measured motions, on walks whose delay is known."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from measured_walk import displaced, measure
@@ -11,6 +13,8 @@ from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking
 from planfit.tracking.trajectory import frame_times, interpolate_trajectory
+from planfit.tracking import TrackingOptions, judge, judge_tracking
+from planfit.tracking.trajectory import frame_times, read_trajectory
 
 RATE_HZ = 30.0
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.02), 0.0005
@@ -95,7 +99,8 @@ def test_a_noisy_tracker_has_no_delay():
     rng = np.random.default_rng(3)
     sigma = np.repeat([np.deg2rad(0.6), 0.02], 3)
     poses = se3.retract(true, rng.normal(size=(len(true), 6)) * sigma)
-    assert judged(poses, motions, times, fuse_above=100.0).clock is None
+    with patch.object(judge, "FUSE_ABOVE", 100.0):
+        assert judged(poses, motions, times).clock is None
 
 
 def test_frames_without_times_have_an_offset_in_frames():

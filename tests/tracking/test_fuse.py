@@ -1,12 +1,14 @@
 """A noisy tracker's poses, fused with measured motions."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from measured_walk import measure, tracked, walk
 
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.tracking import TrackingOptions, judge_tracking
+from planfit.tracking import TrackingOptions, judge, judge_tracking
 from planfit.tracking.fuse import fuse
 from planfit.tracking.motions import MeasuredMotions
 
@@ -69,6 +71,7 @@ def test_only_trackers_that_err_much_more_than_usual_are_fused(noisy):
     steps = se3.inverse(tracking.world_from_cams[:-1]) @ tracking.world_from_cams[1:]
     np.testing.assert_allclose(tracking.odometry.cam_from_next, steps, atol=1e-9)
     assert np.array_equal(tracking.recorded_world_from_cams, poses)
-    assert np.array_equal(judged(poses, motions, fuse_above=99.0).world_from_cams, poses)
+    with patch.object(judge, "FUSE_ABOVE", 99.0):
+        assert np.array_equal(judged(poses, motions).world_from_cams, poses)
     usual = tracked(true, np.random.default_rng(1))
     assert np.array_equal(judged(usual, motions).world_from_cams, usual)

@@ -32,7 +32,7 @@ def hypotheses(laps, poses, rng, undecided):
     tracking = replace(judged, undecided_steps=np.array(undecided))
     points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
     matches = make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points)
-    return jump_hypotheses(tracking, matches, VerifyOptions(), TrackingOptions())
+    return jump_hypotheses(tracking, matches, VerifyOptions())
 
 
 def test_one_of_the_hypotheses_is_the_walk_as_it_was(laps, rng):

@@ -1,5 +1,7 @@
 """Keyframes chosen from the recorded trajectory alone, and more of them where it is in doubt."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -15,9 +17,10 @@ from planfit.tracking import (
     TrackingBreak,
     choose_keyframes,
     frames_in_doubt,
+    keyframes,
 )
 
-PLAIN = KeyframeOptions(min_frames=0, steadier_share=0.0)
+PLAIN = KeyframeOptions(min_frames=0)
 
 
 def walk(n, step_m=0.02, rotation_deg=0.0):
@@ -32,7 +35,8 @@ def at_30_hz(n):
 
 
 def chosen(poses, options=PLAIN, times=None):
-    return choose_keyframes(poses, at_30_hz(len(poses)) if times is None else times, options)
+    with patch.object(keyframes, "STEADIER_SHARE", 0.0):
+        return choose_keyframes(poses, at_30_hz(len(poses)) if times is None else times, options)
 
 
 def test_short_scans_keep_every_frame():
@@ -41,21 +45,21 @@ def test_short_scans_keep_every_frame():
 
 
 def test_keyframes_are_as_far_apart_as_allowed_and_no_nearer():
-    found = chosen(walk(100), KeyframeOptions(min_frames=0, max_step_m=0.105, steadier_share=0.0))
+    found = chosen(walk(100), KeyframeOptions(min_frames=0, max_step_m=0.105))
     assert found[0] == 0
     assert found[-1] == 99
     assert set(np.diff(found)[:-1]) == {5}
 
 
 def test_turning_on_the_spot_makes_keyframes():
-    options = KeyframeOptions(min_frames=0, max_rotation_deg=10.5, steadier_share=0.0)
+    options = KeyframeOptions(min_frames=0, max_rotation_deg=10.5)
     assert set(np.diff(chosen(walk(40, 0.0, rotation_deg=2.0), options))[:-1]) == {5}
 
 
 def test_a_camera_that_hardly_moves_is_looked_at_now_and_then():
     poses = walk(301, step_m=1e-5)
     assert set(np.diff(chosen(poses))[:-1]) <= {29, 30}
-    options = KeyframeOptions(min_frames=0, max_interval_s=0.505, steadier_share=0.0)
+    options = KeyframeOptions(min_frames=0, max_interval_s=0.505)
     assert set(np.diff(chosen(poses, options))[:-1]) == {15}
     # Numbers are no times: as if recorded at 30 frames a second.
     assert set(np.diff(chosen(poses, PLAIN, np.arange(301.0)))[:-1]) <= {29, 30}
@@ -66,8 +70,9 @@ def test_steady_frames_are_preferred_within_the_last_part():
     # The camera shakes at every twentieth frame, at which keyframes are due.
     shaken = np.arange(200) % 20 == 0
     poses[shaken, :3, :3] = se3.exp_so3(np.array([0.0, np.deg2rad(0.1), 0.0]))
-    by_motion = chosen(poses, KeyframeOptions(min_frames=0, max_step_m=0.205, steadier_share=0.0))
-    steady = chosen(poses, KeyframeOptions(min_frames=0, max_step_m=0.205))
+    options = KeyframeOptions(min_frames=0, max_step_m=0.205)
+    by_motion = chosen(poses, options)
+    steady = choose_keyframes(poses, at_30_hz(200), options)
     assert shaken[by_motion[1:-1]].all()
     assert not shaken[steady[1:-1]].any()
     assert np.diff(steady).max() <= np.diff(by_motion).max()
@@ -118,37 +123,36 @@ BRIDGED = np.ones(10, dtype=bool)
 
 
 def test_nothing_more_is_looked_at_without_doubt():
-    assert len(frames_in_doubt(judged(101), KEYS, BRIDGED, KeyframeOptions())) == 0
+    assert len(frames_in_doubt(judged(101), KEYS, BRIDGED)) == 0
 
 
 def test_all_frames_about_a_break_are_looked_at():
-    found = frames_in_doubt(judged(101, [jump(33, 34)]), KEYS, BRIDGED, KeyframeOptions())
+    found = frames_in_doubt(judged(101, [jump(33, 34)]), KEYS, BRIDGED)
     assert set(range(31, 40)) <= set(found.tolist())
     # A break between two keyframes puts both gaps beside it in doubt.
-    found = frames_in_doubt(judged(101, [jump(30, 31)]), KEYS, BRIDGED, KeyframeOptions())
+    found = frames_in_doubt(judged(101, [jump(30, 31)]), KEYS, BRIDGED)
     assert set(range(31, 40)) <= set(found.tolist())
     assert found.min() > 10
     assert found.max() < 50
-    doubtful = frames_in_doubt(judged(101, (), [55]), KEYS, BRIDGED, KeyframeOptions())
+    doubtful = frames_in_doubt(judged(101, (), [55]), KEYS, BRIDGED)
     assert_array_equal(doubtful, np.arange(51, 60))
 
 
 def test_gaps_that_no_match_spans_get_some_more_frames_within_the_budget():
     bridged = BRIDGED.copy()
     bridged[[2, 6]] = False
-    options = KeyframeOptions(max_more_share=1.0)
-    (only,) = (frames_in_doubt(judged(101), KEYS, bridged, options),)
+    with patch.object(keyframes, "MAX_MORE_SHARE", 1.0):
+        only = frames_in_doubt(judged(101), KEYS, bridged)
     assert set((only // 10).tolist()) == {2}  # 11 keyframes allow one gap of seven frames
     assert len(only) == 7
-    none = frames_in_doubt(judged(101), KEYS, bridged, KeyframeOptions(max_more_share=0.0))
+    with patch.object(keyframes, "MAX_MORE_SHARE", 0.0):
+        none = frames_in_doubt(judged(101), KEYS, bridged)
     assert len(none) == 0
 
 
 def test_options_that_cannot_work_are_refused():
     with pytest.raises(OptionError):
         KeyframeOptions(max_step_m=0.0)
-    with pytest.raises(OptionError):
-        KeyframeOptions(steadier_share=1.5)
 
 
 def test_a_tracker_is_believed_as_much_however_many_poses_it_records():

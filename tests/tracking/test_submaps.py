@@ -45,7 +45,7 @@ def revisits(poses, rng, at):
 
 
 def placed(tracking, matches):
-    return place_submaps(tracking, matches, VerifyOptions(), TrackingOptions())
+    return place_submaps(tracking, matches, VerifyOptions())
 
 
 def test_only_long_steps_that_nothing_confirms_are_doubtful(laps, rng):

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.moved_walls import find_moved
+from planfit.adjust.moved_walls import MIN_SIGMAS, find_moved
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.floorplan import Floorplan
@@ -155,7 +155,7 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
             task.floorplan,
             end.plan_from_cams,
             options.association,
-            options.moved_walls,
+            options.moved_wall_sigma_m,
             task.measurements.structure.storeys,
             known,
         )
@@ -163,7 +163,7 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
             break
         again = go_on(task, end, moved_m)
         off_m, sigmas_m = again.problem.offsets(again.solution.target_from_cams)
-        is_sure = np.abs(off_m) > options.moved_walls.min_sigmas * sigmas_m
+        is_sure = np.abs(off_m) > MIN_SIGMAS * sigmas_m
         is_sure[list(known)] = True
         if is_sure[np.isfinite(moved_m)].all():
             end = again

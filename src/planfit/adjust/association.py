@@ -6,24 +6,22 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.mutual_walls import mutually_nearest
-from planfit.errors import require_positive, require_share
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
 from planfit.runtime import short_repr
 from planfit.segmentation import Structure, WallPatches
 
+MAX_ANGLE_DEG = 12.0
+"""Largest angle between a patch and its face."""
+MIN_OVERLAP = 0.5
+"""Share of a patch that must lie beside its face."""
+
 
 @dataclass(frozen=True)
 class AssociationOptions:
     """When a wall patch may belong to a face."""
 
-    max_angle_deg: float = 12.0
-    """Largest angle between the patch and the face."""
-    min_overlap: float = 0.5
-    """Share of the patch that must lie beside the face."""
-    end_margin_m: float = END_MARGIN_M
-    """A patch may reach beyond the end of its face by this much and still count as beside it."""
     oriented: bool = True
     """Match a patch only to faces that look to the side it was seen from, where the plan knows that side.
     The paper does not ask."""
@@ -40,16 +38,12 @@ class AssociationOptions:
         """When wall seen by frames lies beside a face within a distance (m), given each frame's storey."""
         return BesideRule(
             max_distance_m,
-            self.max_angle_deg,
-            self.min_overlap,
-            self.end_margin_m,
+            MAX_ANGLE_DEG,
+            MIN_OVERLAP,
+            END_MARGIN_M,
             self.oriented,
             None if storeys is None else storeys[frame_idx],
         )
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_angle_deg")
-        require_share(self, "min_overlap")
 
 
 @dataclass(frozen=True)

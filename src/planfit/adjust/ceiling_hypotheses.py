@@ -12,12 +12,18 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.ceilings import find_ceilings, level_middles
+from planfit.adjust.ceilings import TOLERANCE_M, find_ceilings, level_middles
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.adjust.terms.effective_observations import Weighting
 from planfit.lsq.robust import loss_value
+
+_MAX_DRIFT_M = 1.0
+"""Ceilings this far apart at most may be one, seen from poses whose height drifted."""
+_MIN_GAIN = 10.0
+"""Cost that is saved where they are one, at least: errors of the frames of one ceiling are not
+independent."""
 
 
 def settle_ceilings(
@@ -29,11 +35,10 @@ def settle_ceilings(
     Args:
         measurements: what the scan says.
         plan_from_cams: level, loops closed.
-        options: see `CeilingOptions`.
+        options: weights and losses.
     """
-    structure, chosen = measurements.structure, options.ceiling_heights
-    cameras_m = plan_from_cams[:, 2, 3]
-    found = find_ceilings(structure, plan_from_cams, chosen)
+    structure, cameras_m = measurements.structure, plan_from_cams[:, 2, 3]
+    found = find_ceilings(structure, plan_from_cams)
     heights = np.unique(found[np.isfinite(found)])
     if options.ceiling.weight <= 0 or len(heights) < 2:
         return found, cameras_m
@@ -41,9 +46,9 @@ def settle_ceilings(
     sees_floor = np.diff(structure.floor.start) > 0
     cost = _cost(measurements, plan_from_cams, found, options)
     for low, high in pairwise(heights):
-        if high - low > chosen.max_drift_m:
+        if high - low > _MAX_DRIFT_M:
             continue
-        is_one = (middles > low - chosen.tolerance_m) & (middles < high + chosen.tolerance_m)
+        is_one = (middles > low - TOLERANCE_M) & (middles < high + TOLERANCE_M)
         # The floor holds the heights of those that see it; where none does, most are right.
         n_low, n_high = (
             (np.sum(sees_floor & (found == height)), np.sum(found == height))
@@ -51,9 +56,9 @@ def settle_ceilings(
         )
         merged = np.where(is_one, low if n_low > n_high else high, found)
         poses = _solved(measurements, plan_from_cams, merged, options)
-        again = find_ceilings(structure, poses, chosen)
+        again = find_ceilings(structure, poses)
         cost_again = _cost(measurements, poses, again, options)
-        if cost_again < cost - chosen.min_gain:
+        if cost_again < cost - _MIN_GAIN:
             found, cost, cameras_m = again, cost_again, poses[:, 2, 3]
     return found, cameras_m
 
@@ -83,9 +88,8 @@ def _cost(
     term, points = options.ceiling, measurements.structure.ceiling
     middles = level_middles(points, poses)
     is_seen = np.isfinite(middles)
-    most = options.ceiling_heights.tolerance_m
-    off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=most)
-    each, _ = loss_value((np.minimum(off_m, most) / term.sigma_m) ** 2, term.loss)
+    off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=TOLERANCE_M)
+    each, _ = loss_value((np.minimum(off_m, TOLERANCE_M) / term.sigma_m) ** 2, term.loss)
     n_points = np.diff(points.start)[is_seen]
     weighting = Weighting(term.max_observations, term.points_per_observation)
     worth = term.weight * n_points * weighting.weight_per_point(n_points)

@@ -17,11 +17,12 @@ from planfit.adjust.alternation import (
     narrow,
     without_moved_walls,
 )
+from planfit.adjust.moved_walls import PRICE
 from planfit.adjust.problem import build_problem
-from planfit.adjust.reach import patch_sigmas
+from planfit.adjust.reach import MAX_REACH_M, patch_sigmas
 from planfit.adjust.shifts import Shift, other_places
 from planfit.adjust.terms.walls import observations_of
-from planfit.adjust.voting import vote
+from planfit.adjust.voting import MAX_SHIFT_M, vote
 from planfit.lsq.robust import loss_value
 from planfit.lsq.term import robust_cost
 
@@ -156,7 +157,6 @@ def _other_places(task: PlanTask, end: Alternation) -> tuple[Shift, ...]:
         end.plan_from_cams,
         moved_m,
         task.options.association,
-        task.options.moved_walls,
         structure.storeys,
     )
 
@@ -177,7 +177,7 @@ def full_cost(task: PlanTask, end: Alternation) -> float:
     held = end.problem.correspondences
     assert held is not None
     lost = held.walls.face_idx < 0
-    price = task.options.moved_walls.price * len(held.moved_faces)
+    price = PRICE * len(held.moved_faces)
     solved = sum(cost.after for cost in end.solution.cost_by_term.values())
     return solved + float(limits(task)[lost].sum()) + price
 
@@ -233,7 +233,7 @@ def _reaching(
     """Each patch reaches as far as its pose may be off."""
     problem = build_problem(task.measurements, task.options, plan_from_cams)
     patches = task.measurements.structure.walls
-    sigmas = patch_sigmas(patches, problem.scan_terms, plan_from_cams, task.options.reach)
+    sigmas = patch_sigmas(patches, problem.scan_terms, plan_from_cams)
     return narrow(task, plan_from_cams, _widths(task, REACH_SIGMAS * sigmas))
 
 
@@ -250,15 +250,13 @@ def _voted(
     patches, options = task.measurements.structure.walls, task.options
     if len(patches) == 0:
         return plan_from_cams
-    voting = options.voting
-    furthest_m = min(voting.max_shift_m, max(options.wall_distances_m))
     voted = vote(
         patches,
         observations_of(patches, options.walls),
         task.floorplan,
         plan_from_cams,
         options.association,
-        replace(voting, max_shift_m=furthest_m),
+        min(MAX_SHIFT_M, max(options.wall_distances_m)),
         task.measurements.structure.storeys,
     )
     scale_m = options.walls.sigma_m * options.walls.loss.scale
@@ -269,7 +267,7 @@ def _widths(task: PlanTask, reach_m: Float[np.ndarray, " k"]) -> Float[np.ndarra
     """Factors on the scale of the walls' loss for a reach, up to the widest there is."""
     walls = task.options.walls
     scale_m = walls.sigma_m * walls.loss.scale
-    furthest_m = min(task.options.reach.max_reach_m, max(task.options.wall_distances_m) / 2)
+    furthest_m = min(MAX_REACH_M, max(task.options.wall_distances_m) / 2)
     return np.maximum(np.minimum(reach_m, furthest_m) / scale_m, 1.0)
 
 

@@ -12,6 +12,7 @@ from jaxtyping import Float
 
 from planfit.adjust.alternation import Alternation, PlanTask, go_on, without_moved_walls
 from planfit.adjust.competition import Rival, rival_by_odds
+from planfit.adjust.moved_walls import MAX_OFFSET_M, MIN_OFFSET_M
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.uncertainty.error_model import ErrorModel
 from planfit.adjust.uncertainty.wall_tests import WallTest, run_wall_tests
@@ -46,7 +47,7 @@ def without_contradicted_walls(
     refused: set[tuple[int, ...]] = set()
     tests = _tests(task, end, errors)
     for _ in range(MAX_WALLS):
-        likely = [t for t in tests if t.faces not in refused and _is_likely(t, task)]
+        likely = [t for t in tests if t.faces not in refused and _is_likely(t)]
         if not likely:
             break
         best, *_ = likely
@@ -60,10 +61,9 @@ def without_contradicted_walls(
     return end, (*rivals, *_rivals(end, tests))
 
 
-def _is_likely(test: WallTest, task: PlanTask) -> bool:
-    moved = task.options.moved_walls
+def _is_likely(test: WallTest) -> bool:
     off_m = abs(test.offsets_m[0])
-    return test.odds >= MIN_ODDS and moved.min_offset_m <= off_m <= moved.max_offset_m
+    return test.odds >= MIN_ODDS and MIN_OFFSET_M <= off_m <= MAX_OFFSET_M
 
 
 def _is_one_of_two(best: WallTest, before: Sequence[WallTest], after: Sequence[WallTest]) -> bool:
@@ -80,7 +80,7 @@ def _is_one_of_two(best: WallTest, before: Sequence[WallTest], after: Sequence[W
 
 def _tests(task: PlanTask, end: Alternation, errors: Errors) -> tuple[WallTest, ...]:
     problem = task.problem(end.plan_from_cams, end.correspondences)
-    return run_wall_tests(errors(problem), task.floorplan, task.options.moved_walls.sigma_m)
+    return run_wall_tests(errors(problem), task.floorplan, task.options.moved_wall_sigma_m)
 
 
 def _without(

@@ -28,34 +28,25 @@ OVERHANG_M = 0.1
 """A patch may reach beyond the end of its face by this much and still lie wholly beside it."""
 
 
-@dataclass(frozen=True)
-class MovedWallOptions:
-    """When a wall of the plan is taken for moved."""
-
-    sigma_m: float = 0.3
-    """Sigma of the offset of a wall that was moved. 0: walls stand as drawn, whatever is seen."""
-    max_offset_m: float = 0.7
-    """Wall further off is another wall."""
-    min_offset_m: float = 0.07
-    """A wall less far off is as drawn."""
-    min_patches: int = 3
-    """Wall patches that must agree on the offset."""
-    min_share: float = 0.6
-    """Share of the wall seen near a face, as drawn or not, that must agree on it."""
-    max_moved_share: float = 0.5
-    """Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
-    walls, and none is taken for moved."""
-    min_sigmas: float = 3.0
-    """An offset counts from so many of its standard deviations on: where little holds the poses that saw a
-    wall, they may be off as well."""
-    price: float = 5.0
-    """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
-    them than of one as drawn (0.3 m against 0.02 m)."""
-    within_m: float = 0.05
-    """Wall patches agree on an offset within this."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_offset_m", "min_offset_m", "min_patches", "within_m")
+MAX_OFFSET_M = 0.7
+"""Wall further off its face as drawn is another wall."""
+MIN_OFFSET_M = 0.07
+"""A wall less far off is as drawn."""
+MIN_PATCHES = 3
+"""Wall patches that must agree on the offset."""
+_MIN_SHARE = 0.6
+"""Share of the wall seen near a face, as drawn or not, that must agree on it."""
+_MAX_MOVED_SHARE = 0.5
+"""Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
+walls, and none is taken for moved."""
+MIN_SIGMAS = 3.0
+"""An offset counts from this many of its standard deviations on: where little holds the poses that saw a
+wall, they may be off as well."""
+PRICE = 5.0
+"""Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
+them than of one as drawn (0.3 m against 0.02 m)."""
+WITHIN_M = 0.05
+"""Wall patches agree on an offset within this."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +68,7 @@ def find_moved(
     floorplan: Floorplan,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
-    options: MovedWallOptions,
+    sigma_m: float,
     storeys: Int[np.ndarray, " n"] | None = None,
     known: Sequence[int] = (),
 ) -> Float[np.ndarray, " f"]:
@@ -89,33 +80,33 @@ def find_moved(
         floorplan: as drawn.
         plan_from_cams: where the adjustment ended.
         association: which faces a patch may belong to.
-        options: see there.
+        sigma_m: of the offset of a wall that was moved; 0: all stand as drawn.
         storeys: that each frame stands on, where the plan has storeys.
         known: faces that other evidence says were moved: some of their patches that agree are enough, and
             they say nothing against the poses.
     """
     moved_m = np.full(len(floorplan), np.nan)
-    if options.sigma_m == 0 or len(patches) == 0:
+    if sigma_m == 0 or len(patches) == 0:
         return moved_m
-    is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < options.min_offset_m
+    is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < MIN_OFFSET_M
     nearest, off = nearest_unexplained(
-        patches, ~is_drawn, floorplan, plan_from_cams, association, options.max_offset_m, storeys
+        patches, ~is_drawn, floorplan, plan_from_cams, association, MAX_OFFSET_M, storeys
     )
     n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
     n_moved = 0
-    grid = np.arange(-options.max_offset_m, options.max_offset_m + STEP_M, STEP_M)
+    grid = np.arange(-MAX_OFFSET_M, MAX_OFFSET_M + STEP_M, STEP_M)
     for face in np.unique(nearest[nearest >= 0]):
         seen = off[nearest == face]
-        agree = np.abs(seen[:, None] - grid) < options.within_m
+        agree = np.abs(seen[:, None] - grid) < WITHIN_M
         at = int(np.argmax(agree.sum(axis=0)))
         mine = seen[agree[:, at]]
         offset = float(np.median(mine))
-        enough = len(mine) >= options.min_patches
-        most = len(mine) >= options.min_share * (len(seen) + n_drawn[face])
-        if enough and (most or face in known) and abs(offset) >= options.min_offset_m:
+        enough = len(mine) >= MIN_PATCHES
+        most = len(mine) >= _MIN_SHARE * (len(seen) + n_drawn[face])
+        if enough and (most or face in known) and abs(offset) >= MIN_OFFSET_M:
             moved_m[face] = offset
             n_moved += 0 if face in known else len(mine)
-    if n_moved > options.max_moved_share * (n_moved + is_drawn.sum()):
+    if n_moved > _MAX_MOVED_SHARE * (n_moved + is_drawn.sum()):
         moved_m[~np.isin(np.arange(len(moved_m)), known)] = np.nan
     return moved_m
 

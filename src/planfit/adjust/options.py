@@ -4,10 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from planfit.adjust.association import AssociationOptions
-from planfit.adjust.ceilings import CeilingOptions
-from planfit.adjust.moved_walls import MovedWallOptions
 from planfit.adjust.paper.descent import DescentOptions
-from planfit.adjust.reach import ReachOptions
 from planfit.adjust.terms.control import ControlOptions
 from planfit.adjust.terms.levels import LevelOptions
 from planfit.adjust.terms.odometry import OdometryTermOptions
@@ -16,7 +13,6 @@ from planfit.adjust.terms.rays import RayOptions
 from planfit.adjust.terms.reprojection import ReprojectionOptions
 from planfit.adjust.terms.surfaces import SurfaceTermOptions
 from planfit.adjust.terms.walls import WallOptions
-from planfit.adjust.voting import VotingOptions
 from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.lsq.bounded import BoundedOptions
 from planfit.lsq.solver import SolverOptions
@@ -41,8 +37,6 @@ class AdjustOptions:
     """Floor term."""
     ceiling: LevelOptions = field(default_factory=lambda: LevelOptions(max_observations=3.0))
     """Ceiling term, where masks name the ceiling."""
-    ceiling_heights: CeilingOptions = field(default_factory=CeilingOptions)
-    """How ceilings of several heights are told apart."""
     walls: WallOptions = field(default_factory=WallOptions)
     """Walls term."""
     wall_strategy: Literal["fixed", "iterative", "nearest-point"] = "fixed"
@@ -90,12 +84,8 @@ class AdjustOptions:
     as aligned, losses as they stand; stretches of the walk vote for their shift; each wall patch reaches for
     its face as far as its pose may be off; all patches reach far. Other strategies for walls than fixed
     nearest walls, bounded solves and the paper's take poses as aligned."""
-    reach: ReachOptions = field(default_factory=ReachOptions)
-    """How far wall reaches for its face at first."""
-    voting: VotingOptions = field(default_factory=VotingOptions)
-    """How stretches of the walk vote."""
-    moved_walls: MovedWallOptions = field(default_factory=MovedWallOptions)
-    """When a wall of the plan is taken for moved."""
+    moved_wall_sigma_m: float = 0.3
+    """Sigma of the offset of a wall that was moved. 0: walls stand as drawn, whatever is seen."""
     max_alternations: int = 5
     """Rounds of association and solve at one distance; ends earlier when no association changes."""
 

@@ -302,14 +302,20 @@ def _with_moved_walls(
     unknowns = with_offsets(problem.unknowns, own)
     off = correspondences.moved_m[faces][:, None] * own.normals
     unknowns[n:, :2, 3] = off
-    walls, options = problem.options.walls, problem.options.moved_walls
     return replace(
         problem,
         unknowns=unknowns,
         moved_walls=OffsetWallTerm(
-            problem.measurements.structure.walls, own, association, walls, n, "moved walls"
+            problem.measurements.structure.walls,
+            own,
+            association,
+            problem.options.walls,
+            n,
+            "moved walls",
         ),
-        moved_prior=offset_prior(n, own, options.sigma_m, "moved walls, offsets"),
+        moved_prior=offset_prior(
+            n, own, problem.options.moved_wall_sigma_m, "moved walls, offsets"
+        ),
     )
 
 

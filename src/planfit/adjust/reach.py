@@ -6,13 +6,11 @@ reaches far, in the middle of a scan that closes on itself it stays narrow.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.errors import require_positive
 from planfit.lsq.covariance import covariances
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.term import Term
@@ -22,26 +20,18 @@ MAX_FRAMES = 40
 """Covariances of so many frames are solved for; between them they are interpolated."""
 
 
-@dataclass(frozen=True)
-class ReachOptions:
-    """How far wall patches reach for their faces at first."""
-
-    whole_sigma_m: float = 0.1
-    """Sigma of the alignment of the whole scan, each axis."""
-    whole_sigma_deg: float = 1.0
-    """Sigma of its yaw."""
-    max_reach_m: float = 0.6
-    """No loss is made wider than this, and no face is taken that lies twice as far."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "whole_sigma_m", "whole_sigma_deg", "max_reach_m")
+WHOLE_SIGMA_M = 0.1
+"""Sigma of the alignment of the whole scan, each axis."""
+WHOLE_SIGMA_DEG = 1.0
+"""Sigma of its yaw."""
+MAX_REACH_M = 0.6
+"""No loss is made wider than this, and no face is taken that lies twice as far."""
 
 
 def patch_sigmas(
     patches: WallPatches,
     scan_terms: Sequence[Term],
     plan_from_cams: Float[np.ndarray, "n 4 4"],
-    options: ReachOptions,
 ) -> Float[np.ndarray, " k"]:
     """Standard deviation (m) of each wall patch's place along its normal, before walls take part.
 
@@ -52,11 +42,10 @@ def patch_sigmas(
         patches: of wall.
         scan_terms: matches, floor and odometry.
         plan_from_cams: poses with loops closed, aligned.
-        options: see there.
     """
     n = len(plan_from_cams)
     # n priors of sigma s sqrt(n) hold the whole to s.
-    rotation, translation = np.deg2rad(options.whole_sigma_deg), options.whole_sigma_m
+    rotation, translation = np.deg2rad(WHOLE_SIGMA_DEG), WHOLE_SIGMA_M
     each = np.array([rotation] * 3 + [translation] * 3) * np.sqrt(n)
     prior = PosePriorTerm(np.arange(n), plan_from_cams, each, name="alignment")
     frames = np.unique(np.linspace(0, n - 1, min(n, MAX_FRAMES)).round().astype(int))

@@ -200,7 +200,7 @@ def settle_walls(
         extra_terms: as for `adjust_to_plan`.
     """
     held = adjustment.correspondences
-    is_asked = options.has_several_starts and options.moved_walls.sigma_m > 0
+    is_asked = options.has_several_starts and options.moved_wall_sigma_m > 0
     # Offsets of all walls are an own strategy; sums of means are no likelihoods.
     is_other = options.walls.offset_sigma_m > 0 or options.averaging == "mean"
     if floorplan is None or held is None or not is_asked or is_other:

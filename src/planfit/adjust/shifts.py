@@ -15,7 +15,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import betaln
 
 from planfit.adjust.association import AssociationOptions
-from planfit.adjust.moved_walls import MovedWallOptions, is_one_wall
+from planfit.adjust.moved_walls import MAX_OFFSET_M, MIN_PATCHES, WITHIN_M, is_one_wall
 from planfit.adjust.voting import beside_faces
 from planfit.floorplan import Floorplan
 from planfit.segmentation import WallPatches
@@ -50,7 +50,6 @@ def other_places(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     moved_m: Float[np.ndarray, " f"],
     association: AssociationOptions,
-    options: MovedWallOptions,
     storeys: Int[np.ndarray, " n"] | None = None,
 ) -> tuple[Shift, ...]:
     """Shifts under which walls that were taken for moved stand as drawn, the best supported first.
@@ -61,18 +60,17 @@ def other_places(
         plan_from_cams: where the adjustment ended.
         moved_m: offset (m) of each face that was taken for moved, NaN for those as drawn.
         association: which faces a patch may belong to.
-        options: when a wall is taken for moved.
         storeys: that each frame stands on, where the plan has storeys.
     """
     moved = np.flatnonzero(np.isfinite(moved_m))
     if len(moved) == 0 or len(patches) == 0:
         return ()
     patch, face, distance_m = beside_faces(
-        patches, floorplan, plan_from_cams, association, 1.5 * options.max_offset_m, storeys
+        patches, floorplan, plan_from_cams, association, 1.5 * MAX_OFFSET_M, storeys
     )
     tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     shifts = np.concatenate([np.zeros((1, 2)), tried])
-    as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals, options)
+    as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals)
     is_moved = np.isfinite(moved_m)
     wall_of_face, faces = _walls(np.flatnonzero(as_drawn.any(axis=0) | is_moved), floorplan)
     stand = np.stack([_any_face(row[faces], wall_of_face) for row in as_drawn])
@@ -124,7 +122,6 @@ def _as_drawn(
     distance_m: Float[np.ndarray, " c"],
     shifts: Float[np.ndarray, "s 2"],
     normals: Float[np.ndarray, "f 2"],
-    options: MovedWallOptions,
 ) -> Bool[np.ndarray, "s f"]:
     """Whether enough wall patches lie on each face after each shift, each on the nearest."""
     found = np.zeros((len(shifts), len(normals)), dtype=bool)
@@ -133,8 +130,8 @@ def _as_drawn(
         order = np.lexsort((off_m, patch))
         is_nearest = np.zeros(len(patch), dtype=bool)
         is_nearest[order[np.unique(patch[order], return_index=True)[1]]] = True
-        is_on = is_nearest & (off_m < options.within_m)
-        found[k] = np.bincount(face[is_on], minlength=len(normals)) >= options.min_patches
+        is_on = is_nearest & (off_m < WITHIN_M)
+        found[k] = np.bincount(face[is_on], minlength=len(normals)) >= MIN_PATCHES
     return found
 
 

@@ -5,13 +5,10 @@ it would pull. Stretches that follow each other vote together: their shifts diff
 recorded motion and the matches leave open.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
-from planfit.errors import require_positive
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments
 from planfit.segmentation import WallPatches
@@ -21,35 +18,20 @@ STAY = 0.01
 nothing, as along a corridor or off the plan, a stretch stays where it was aligned."""
 
 
-@dataclass(frozen=True)
-class VotingOptions:
-    """How stretches of the walk vote for their shift against the plan."""
-
-    max_shift_m: float = 0.8
-    """Largest shift that is tried, each axis."""
-    step_m: float = 0.05
-    """Shifts are tried this far apart."""
-    sigma_m: float = 0.06
-    """A patch votes for the shifts that bring it to a face, within this."""
-    patches_per_stretch: int = 16
-    """Wall patches of one stretch, about."""
-    max_observations_per_face: float = 8.0
-    """Votes of a stretch for one face, at most, in effective observations: many patches see a wall that was
-    moved, and all of them err alike. Of 4, 8 and 16, and none, 8 ends at the lowest costs (ConSLAM, drifts
-    1, 3 and 5, 30 % of walls moved)."""
-    bend_sigma_m: float = 0.1
-    """Sigma of the change of shift from one stretch to the next, each axis."""
-
-    def __post_init__(self) -> None:
-        require_positive(
-            self,
-            "max_shift_m",
-            "step_m",
-            "sigma_m",
-            "patches_per_stretch",
-            "max_observations_per_face",
-            "bend_sigma_m",
-        )
+MAX_SHIFT_M = 0.8
+"""Largest shift that is tried, each axis."""
+STEP_M = 0.05
+"""Shifts are tried this far apart."""
+SIGMA_M = 0.06
+"""A patch votes for the shifts that bring it to a face, within this."""
+PATCHES_PER_STRETCH = 16
+"""Wall patches of one stretch, about."""
+MAX_OBSERVATIONS_PER_FACE = 8.0
+"""Votes of a stretch for one face, at most, in effective observations: many patches see a wall that was
+moved, and all of them err alike. Of 4, 8 and 16, and none, 8 ends at the lowest costs (ConSLAM, drifts
+1, 3 and 5, 30 % of walls moved)."""
+BEND_SIGMA_M = 0.1
+"""Sigma of the change of shift from one stretch to the next, each axis."""
 
 
 def vote(
@@ -58,7 +40,7 @@ def vote(
     floorplan: Floorplan,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
-    options: VotingOptions,
+    max_shift_m: float,
     storeys: Int[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, "n 4 4"]:
     """Poses with each stretch shifted to where most of its wall finds faces, smoothly in between.
@@ -69,16 +51,16 @@ def vote(
         floorplan: the plan.
         plan_from_cams: aligned with it as a whole.
         association: which faces a patch may belong to.
-        options: see there.
+        max_shift_m: largest shift that is tried, each axis.
         storeys: that each frame stands on, where the plan has storeys.
     """
-    n_stretches = max(1, len(patches) // options.patches_per_stretch)
+    n_stretches = max(1, len(patches) // PATCHES_PER_STRETCH)
     stretch = np.arange(len(patches)) * n_stretches // max(len(patches), 1)
-    grid = np.arange(-options.max_shift_m, options.max_shift_m + 1e-9, options.step_m)
+    grid = np.arange(-max_shift_m, max_shift_m + 1e-9, STEP_M)
     patch, face, distance_m = beside_faces(
-        patches, floorplan, plan_from_cams, association, 1.5 * options.max_shift_m, storeys
+        patches, floorplan, plan_from_cams, association, 1.5 * max_shift_m, storeys
     )
-    stay = STAY * (grid / options.max_shift_m) ** 2
+    stay = STAY * (grid / max_shift_m) ** 2
     votes = np.tile(-np.add.outer(stay, stay), (n_stretches, 1, 1))
     for k in range(n_stretches):
         mine = stretch[patch] == k
@@ -88,9 +70,8 @@ def vote(
             distance_m[mine],
             observations[patch[mine]],
             grid,
-            options,
         )
-    shifts = grid[_smoothest(votes, options)]
+    shifts = grid[_smoothest(votes)]
     middle = np.array([patches.frame_idx[stretch == k].mean() for k in range(n_stretches)])
     frames = np.arange(len(plan_from_cams))
     moved = plan_from_cams.copy()
@@ -138,7 +119,6 @@ def _votes(
     distance_m: Float[np.ndarray, " c"],
     observations: Float[np.ndarray, " c"],
     grid: Float[np.ndarray, " g"],
-    options: VotingOptions,
 ) -> Float[np.ndarray, "g g"]:
     """Observations that agree with each shift (x, y), of each face up to a limit."""
     total = np.zeros((len(grid), len(grid)))
@@ -148,18 +128,16 @@ def _votes(
         after = distance_m[mine, None, None] + (
             along_x * grid[None, :, None] + along_y * grid[None, None, :]
         )
-        votes = np.einsum(
-            "c,cgh->gh", observations[mine], np.exp(-0.5 * (after / options.sigma_m) ** 2)
-        )
-        total += np.minimum(votes, options.max_observations_per_face)
+        votes = np.einsum("c,cgh->gh", observations[mine], np.exp(-0.5 * (after / SIGMA_M) ** 2))
+        total += np.minimum(votes, MAX_OBSERVATIONS_PER_FACE)
     return total
 
 
-def _smoothest(votes: Float[np.ndarray, "s g g"], options: VotingOptions) -> Int[np.ndarray, "s 2"]:
+def _smoothest(votes: Float[np.ndarray, "s g g"]) -> Int[np.ndarray, "s 2"]:
     """The sequence of shifts with most votes less the cost of its changes (Viterbi's recursion)."""
     n_stretches, g, _ = votes.shape
-    change = np.subtract.outer(np.arange(g), np.arange(g)) * options.step_m
-    penalty = 0.5 * (change / options.bend_sigma_m) ** 2  # of one axis; both add up
+    change = np.subtract.outer(np.arange(g), np.arange(g)) * STEP_M
+    penalty = 0.5 * (change / BEND_SIGMA_M) ** 2  # of one axis; both add up
     score = votes[0]
     back: list[tuple[np.ndarray, np.ndarray]] = []
     for k in range(1, n_stretches):

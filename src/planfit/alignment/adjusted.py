@@ -18,7 +18,14 @@ from planfit.alignment.refine import (
     explained,
     refine_hypothesis,
 )
-from planfit.alignment.selection import MARGIN_WORTH, MIN_EVIDENCE, SameWithin, is_same
+from planfit.alignment.selection import (
+    MARGIN_WORTH,
+    MIN_EVIDENCE,
+    MIN_MARGIN,
+    MIN_SCORE,
+    SameWithin,
+    is_same,
+)
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
@@ -75,14 +82,14 @@ def judge_adjusted(
         walls: where the adjusted poses put them, in the plan frame (m).
         floorplan: in metres, at the scale that was taken.
         alignment: that the adjustment began with.
-        options: what counts as another alignment.
+        options: whether a person chose the alignment.
     """
     samples, weights = thin(walls, FULL_SAMPLES)
     here = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
     score, seen_through = explained(samples, weights, floorplan, here)
     # Surveyed points are sure of their place until walls clearly put the scan beside it.
     is_doubted = alignment.is_surveyed and not alignment.is_sure
-    within = SameWithin.surveyed() if is_doubted else SameWithin.chosen(options)
+    within = SameWithin.surveyed() if is_doubted else SameWithin.distinct()
     others = []
     for candidate in alignment.candidates:
         start = _relative(candidate, alignment)
@@ -115,7 +122,7 @@ def _doubt(
     # The walls were adjusted to this place and to no other: that one explains more is a strong sign. In a
     # symmetric room that was seen whole, both explain all.
     is_beaten = elsewhere > (score + TIE if score >= TIE_SCORE else score)
-    is_close = is_beaten or not (is_given or score - elsewhere >= options.min_margin)
+    is_close = is_beaten or not (is_given or score - elsewhere >= MIN_MARGIN)
     if is_close and score >= WEAK_SCORE:
         return Finding(PlanKind.ADJUSTED_FITS_ELSEWHERE, both)
     is_clear = score >= (GIVEN_RATIO if is_given else CLEAR_RATIO) * elsewhere
@@ -123,9 +130,9 @@ def _doubt(
     worth = score + MARGIN_WORTH * (score - elsewhere)
     if alignment.is_plan_rescaled and worth < RESCALED_EVIDENCE and score < RESCALED_SCORE:
         return Finding(PlanKind.ADJUSTED_AT_OTHER_SCALE, both)
-    if score >= options.min_score and worth < MIN_EVIDENCE and not (is_given or is_clear):
+    if score >= MIN_SCORE and worth < MIN_EVIDENCE and not (is_given or is_clear):
         return Finding(PlanKind.ADJUSTED_LITTLE_MARGIN, both)
-    if score < options.min_score and not (score >= WEAK_SCORE and (is_clear or is_open)):
+    if score < MIN_SCORE and not (score >= WEAK_SCORE and (is_clear or is_open)):
         return Finding(PlanKind.ADJUSTED_LITTLE_WALL, {"wall_share": score})
     evidence = judged.evidence
     if evidence.is_seen_through and score < OTHER_PLACE_SCORE and not alignment.is_surveyed:

@@ -26,6 +26,8 @@ from planfit.alignment.refine import (
 )
 from planfit.alignment.search import Region, search_hypotheses
 from planfit.alignment.selection import (
+    PRIOR_TRANSLATION_M,
+    PRIOR_YAW_DEG,
     SameWithin,
     SegmentAgreement,
     Selection,
@@ -211,15 +213,15 @@ def align(
 
 
 def is_clearly_better(
-    found: Alignment, other: Alignment, walls: WallSamples, options: AlignOptions
+    found: Alignment, other: Alignment, walls: WallSamples
 ) -> tuple[float, float] | None:
     """How far apart (m, deg) two alignments of a scan are, where the first is at another place and explains
     clearly more of the walls; else None."""
     here, there = other.hypothesis, found.hypothesis
-    within = SameWithin.surveyed() if other.is_surveyed else SameWithin.chosen(options)
+    within = SameWithin.surveyed() if other.is_surveyed else SameWithin.distinct()
     if is_same([there], here, walls, within)[0]:
         return None
-    if found.is_mirrored or not outweighs(found.score, other.score, options):
+    if found.is_mirrored or not outweighs(found.score, other.score):
         return None
     return apart(there, here, walls)
 
@@ -241,9 +243,9 @@ def align_within(
     starts = [claimed] if claimed else []
     hypotheses = _refined(walls, floorplan, scales, yaws, regions, starts, options)
     mirrored = None
-    if not _is_clear(hypotheses, walls, options) and not regions:
+    if not _is_clear(hypotheses, walls) and not regions:
         flipped = walls.mirrored()
-        flipped_yaws = candidate_yaws(flipped, floorplan, options.max_yaws)
+        flipped_yaws = candidate_yaws(flipped, floorplan)
         mirrored = _refined(flipped, floorplan, scales, flipped_yaws, (), [], options)[0]
     selection = select_hypothesis(walls, hypotheses, claimed, mirrored, floorplan, options)
     n_scales = _n_scales(floorplan, scales, options)
@@ -317,7 +319,7 @@ def _narrowed(
     else:
         slack = metric_slack if floorplan.is_metric else options.scale_tolerance
         scales = (known / (1 + slack), known * (1 + slack))
-    yaws = candidate_yaws(walls, floorplan, options.max_yaws)
+    yaws = candidate_yaws(walls, floorplan)
     tolerance_m = options.control_point_tolerance_m
     regions = [Region(point.level_xy, point.plan_xy, tolerance_m) for point in control_points]
     if len(control_points) > 1:
@@ -327,7 +329,7 @@ def _narrowed(
         scales = scales if exact else (scale / 1.02, scale * 1.02)
     if options.start:
         translation, yaw = parse_start(options.start)
-        near = np.abs(np.rad2deg(wrap_angle(yaws - yaw))) < options.prior_yaw_deg
+        near = np.abs(np.rad2deg(wrap_angle(yaws - yaw))) < PRIOR_YAW_DEG
         yaws = np.append(yaws[near], yaw)
         centre = walls.xy.mean(axis=0)
         at_m = rotation_2d(yaw) @ centre + translation
@@ -336,7 +338,7 @@ def _narrowed(
                 "align.start: expected a plan whose scale is known, found one without unit; "
                 "give align.metres-per-unit too"
             )
-        regions.append(Region(centre, at_m / scales[0], options.prior_translation_m))
+        regions.append(Region(centre, at_m / scales[0], PRIOR_TRANSLATION_M))
     return scales, yaws, tuple(regions)
 
 
@@ -351,7 +353,7 @@ def _refined(
 ) -> list[AlignmentHypothesis]:
     """Refined hypotheses, best first; the given starts are refined beside those found."""
     coarse, _ = thin(walls, COARSE_SAMPLES)
-    found = [*search_hypotheses(coarse, floorplan, scales, yaws, options, regions), *starts]
+    found = [*search_hypotheses(coarse, floorplan, scales, yaws, regions), *starts]
     n_scales = _n_scales(floorplan, scales, options)
     # The first look holds a scale common to both axes: few samples do not tell two.
     quick = RefineSteps((1.5, 1.0, 0.7, 0.5), min(n_scales, 1))
@@ -376,12 +378,10 @@ def _n_scales(floorplan: Floorplan, scales: tuple[float, float], options: AlignO
     return int(scales[0] < scales[1])
 
 
-def _is_clear(
-    hypotheses: Sequence[AlignmentHypothesis], walls: WallSamples, options: AlignOptions
-) -> bool:
+def _is_clear(hypotheses: Sequence[AlignmentHypothesis], walls: WallSamples) -> bool:
     """Whether the best hypothesis stands alone."""
     best = hypotheses[0]
-    rival = best_elsewhere(hypotheses, best, walls, SameWithin.chosen(options))
+    rival = best_elsewhere(hypotheses, best, walls, SameWithin.distinct())
     margin = best.score - (rival.score if rival else 0.0)
     return best.score >= CLEAR_SCORE and margin >= CLEAR_MARGIN
 

@@ -11,6 +11,8 @@ MIN_AGREEMENT = 0.35
 """Yaws that agree less than this share of the best are not tried: most buildings have four that do, and
 the others only take time."""
 
+MAX_YAWS = 8
+"""Most yaws that are tried, best agreement of wall directions first."""
 THICKNESS_M = (0.02, 0.6)
 """Walls of buildings as they are drawn: thin strokes stand for walls in some plans."""
 SCAN_TO_PLAN = (1 / 12, 1.6)
@@ -19,13 +21,11 @@ MAX_SIZE_M = 2000.0
 """A building is smaller than a town."""
 
 
-def candidate_yaws(
-    walls: WallSamples, floorplan: Floorplan, max_yaws: int
-) -> Float[np.ndarray, " t"]:
+def candidate_yaws(walls: WallSamples, floorplan: Floorplan) -> Float[np.ndarray, " t"]:
     """Yaws (rad), plan from level, at which wall directions agree, best first.
 
     Circular correlation of the two length-weighted histograms of normals, one-degree bins; fewer than
-    `max_yaws` where the others agree far less. A face whose free side is unknown counts half for
+    `MAX_YAWS` where the others agree far less. A face whose free side is unknown counts half for
     either side.
     """
     of_scan = _direction_histogram(walls.normals, np.ones(len(walls.normals)))
@@ -39,7 +39,7 @@ def candidate_yaws(
     for degree in np.argsort(-agreement):
         if all(min((degree - t) % 360, (t - degree) % 360) >= 8 for t in yaws):
             yaws.append(int(degree))
-        if len(yaws) == max_yaws or agreement[degree] < MIN_AGREEMENT * agreement.max():
+        if len(yaws) == MAX_YAWS or agreement[degree] < MIN_AGREEMENT * agreement.max():
             break
     return np.deg2rad(yaws)
 

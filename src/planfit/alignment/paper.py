@@ -13,8 +13,8 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from planfit.alignment.align import Alignment, require_walls
-from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, explained, metric_plan, rotation_2d
+from planfit.alignment.selection import MIN_SCORE
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import ScanError
 from planfit.findings import Finding, PlanKind
@@ -43,7 +43,6 @@ def align_paper(
     points_level: Float[np.ndarray, "n 3"],
     walls: WallSamples,
     floorplan: Floorplan,
-    options: AlignOptions,
     rng: np.random.Generator,
 ) -> Alignment:
     """The alignment by the paper's method.
@@ -52,7 +51,6 @@ def align_paper(
         points_level: metres, the whole scan, level frame: floor, walls, furniture.
         walls: the same walls that `align` is given; they only score the result.
         floorplan: in metres, or in a unit of its own.
-        options: thresholds of the score.
         rng: for the samples.
 
     Raises:
@@ -78,8 +76,8 @@ def align_paper(
         score, occluded_share = explained(samples, weights, floorplan, each.hypothesis)
         hypotheses.append(replace(each.hypothesis, score=score, occluded_share=occluded_share))
     best = hypotheses[0]
-    if best.score < options.min_score:
-        shares = {"wall_share": best.score, "min_wall_share": options.min_score}
+    if best.score < MIN_SCORE:
+        shares = {"wall_share": best.score, "min_wall_share": MIN_SCORE}
         findings.append(Finding(PlanKind.LITTLE_WALL_BY_PAPER, shares))
     return Alignment(
         best.plan_from_level,

@@ -22,6 +22,7 @@ from planfit.alignment.align import (
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, RefineSteps, refine_hypothesis
+from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
@@ -41,7 +42,7 @@ OFF_SIGMAS = 3.0
 LOOK_SHARE = 0.004
 """From this on, the scale that the walls alone prefer at the alignment as drawn is worth a search."""
 FAR_SHARE = 0.02
-"""A scale further off must explain more wall by `AlignOptions.min_margin`: at a nearer one, the walls of a
+"""A scale further off must explain more wall by `MIN_MARGIN`: at a nearer one, the walls of a
 small scan lie nearly as well on the plan as drawn."""
 CLEAR_GAIN = 0.1
 """What another scale must explain beyond the plan as drawn where neither place is sure."""
@@ -96,7 +97,7 @@ def find_plan_scale(
         return None
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
-    gain = options.min_margin if off > FAR_SHARE else 0.0
+    gain = MIN_MARGIN if off > FAR_SHARE else 0.0
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
     is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
     if not LOOK_SHARE <= off <= np.log1p(slack):
@@ -150,7 +151,7 @@ def find_unit(
     in metres. None where the plan fits as it is, has no unit, fits in none clearly better, or about as it is
     drawn: then it fits elsewhere than the user said.
     """
-    if not floorplan.is_metric or alignment.score >= options.min_score:
+    if not floorplan.is_metric or alignment.score >= MIN_SCORE:
         return None
     unknown = replace(floorplan, is_metric=False)
     free = replace(options, metres_per_unit=0.0, candidate=1, start="", control_points=())

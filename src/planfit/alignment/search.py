@@ -7,12 +7,18 @@ from jaxtyping import Float
 
 from planfit.alignment.candidates import scale_steps
 from planfit.alignment.likelihood_field import TranslationSearch, make_likelihood_field
-from planfit.alignment.options import AlignOptions
 from planfit.alignment.refine import AlignmentHypothesis, rotation_2d
-from planfit.alignment.selection import SameWithin, keep_distinct
+from planfit.alignment.selection import DISTINCT_TRANSLATION_M, SameWithin, keep_distinct
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 
+CELL_M = 0.2
+"""Finest cell of the coarse search; it grows with the size of scan and plan."""
+REACH_M = 0.4
+"""A wall this far from its face still scores 0.6 in the coarse search; covers leftover drift. At
+least one and a half cells."""
+MAX_CANDIDATES = 48
+"""Hypotheses of the coarse search that are refined."""
 CELLS_ACROSS = 100
 """The scan's extent in cells of the coarse search: more cells cost time, fewer lose rooms."""
 OCTAVE = 1.4
@@ -39,7 +45,6 @@ def search_hypotheses(
     floorplan: Floorplan,
     scales: tuple[float, float],
     yaws: Float[np.ndarray, " t"],
-    options: AlignOptions,
     regions: tuple[Region, ...] = (),
 ) -> list[AlignmentHypothesis]:
     """Best hypotheses of the coarse search, best first, with their coarse score; not more than asked for.
@@ -49,10 +54,9 @@ def search_hypotheses(
         floorplan: in its own unit.
         scales: smallest and largest metres per unit; equal where it is known.
         yaws: rad, to try.
-        options: see there.
         regions: hypotheses out of any of these are left out.
     """
-    cell_m = max(options.cell_m, walls.extent_m / CELLS_ACROSS)
+    cell_m = max(CELL_M, walls.extent_m / CELLS_ACROSS)
     free_xy = free_space(walls, cell_m)
     all_scales = scale_steps(*scales, step=4.0 * cell_m / max(walls.extent_m, 1.0))
     everything = np.concatenate([walls.xy, free_xy])
@@ -61,7 +65,7 @@ def search_hypotheses(
     for group in _octaves(all_scales):
         middle = float(np.sqrt(group[0] * group[-1]))
         fields = make_likelihood_field(
-            floorplan.scaled(middle), cell_m, options.reach_m, 2.0, walls.extent_m
+            floorplan.scaled(middle), cell_m, REACH_M, 2.0, walls.extent_m
         )
         search = TranslationSearch(fields, reach_m * middle / group[0])
         for scale in group:
@@ -76,10 +80,10 @@ def search_hypotheses(
                 )
                 grid = _Grid(table, first, fields.cell_m, float(ratio))
                 grid.keep_to(regions, rotation, float(scale))
-                found += grid.peaks(float(yaw), float(scale), options.distinct_translation_m)
+                found += grid.peaks(float(yaw), float(scale), DISTINCT_TRANSLATION_M)
     found.sort(key=lambda hypothesis: -hypothesis.score)
-    within = SameWithin(options.distinct_translation_m, SAME_YAW_DEG, SAME_SCALE)
-    return keep_distinct(found, walls, within, options.max_candidates)
+    within = SameWithin(DISTINCT_TRANSLATION_M, SAME_YAW_DEG, SAME_SCALE)
+    return keep_distinct(found, walls, within, MAX_CANDIDATES)
 
 
 def free_space(walls: WallSamples, cell_m: float) -> Float[np.ndarray, "k 2"]:

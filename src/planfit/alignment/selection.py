@@ -48,6 +48,20 @@ places that were sure by score and margin apart had 0.76 to 0.95 (quarters of wa
 buildings); right ones 0.77 to 1.47, one of 15 below 0.9 (`benchmarks/wrong_plans.py --part 0.25`)."""
 
 
+MIN_SCORE = 0.5
+"""Below this share of seen wall that the plan explains, an alignment is not accepted as sure."""
+MIN_MARGIN = 0.05
+"""The best alignment must beat the next by this share of wall, else the answer is ambiguous."""
+DISTINCT_TRANSLATION_M = 1.0
+"""Alignments nearer than this, with yaws within 5 degrees and scales within 3 %, are one."""
+PRIOR_TRANSLATION_M = 5.0
+"""Where the recorded poses are in the plan's axes, an alignment within this of them is
+preferred as long as it explains 0.8 of what the best one does."""
+PRIOR_YAW_DEG = 20.0
+"""See `PRIOR_TRANSLATION_M`. Without it, a building that fits when turned about its middle would count
+as being where the format says."""
+
+
 @dataclass(frozen=True)
 class SameWithin:
     """How near two alignments are to count as one. All of it must hold."""
@@ -59,9 +73,9 @@ class SameWithin:
     """Difference of the logarithms of the scales."""
 
     @classmethod
-    def chosen(cls, options: AlignOptions) -> "SameWithin":
-        """What the options say: what a user would call two alignments."""
-        return cls(options.distinct_translation_m, options.distinct_yaw_deg, options.distinct_scale)
+    def distinct(cls) -> "SameWithin":
+        """What a user would call two alignments."""
+        return cls(DISTINCT_TRANSLATION_M, 5.0, 0.03)
 
     @classmethod
     def surveyed(cls) -> "SameWithin":
@@ -163,19 +177,19 @@ def select_hypothesis(
     Raises:
         OptionError: there are fewer distinct alignments than the candidate asked for.
     """
-    within = SameWithin.chosen(options)
+    within = SameWithin.distinct()
     candidates = tuple(keep_distinct(hypotheses, walls, within, MAX_CANDIDATES))
     taken, is_as_recorded = _taken(walls, hypotheses, candidates, recorded, options)
     runner_up = best_elsewhere(hypotheses, taken, walls, within)
     # The best as drawn, whichever the user takes: a worse one is no sign of a mirror.
     as_drawn = max(each.score for each in hypotheses)
     is_mirrored = mirrored is not None and mirrored.score > as_drawn + max(
-        options.min_margin, 0.25 * (1.0 - as_drawn)
+        MIN_MARGIN, 0.25 * (1.0 - as_drawn)
     )
-    is_weak = taken.score < options.min_score
+    is_weak = taken.score < MIN_SCORE
     margin = taken.score - (runner_up.score if runner_up else 0.0)
-    is_close = runner_up is not None and margin < options.min_margin
-    is_outdone = margin < -options.min_margin and options.candidate > 1
+    is_close = runner_up is not None and margin < MIN_MARGIN
+    is_outdone = margin < -MIN_MARGIN and options.candidate > 1
     is_ambiguous = is_close and not is_as_recorded and options.candidate == 1
     is_thin = _is_thin(taken.score, margin) and not is_as_recorded and options.candidate == 1
     found: list[Finding] = []
@@ -188,9 +202,9 @@ def select_hypothesis(
         facts = {"mirrored_wall_share": mirrored.score, "wall_share": as_drawn}
         facts |= {"was_mirrored": floorplan.source.is_mirrored}
         found.append(Finding(PlanKind.PLAN_MIRRORED, facts))
-    elif is_weak and not (is_outdone and as_drawn >= options.min_score):
+    elif is_weak and not (is_outdone and as_drawn >= MIN_SCORE):
         # That another place fits better says enough: the plan is that of the building.
-        facts = {"wall_share": taken.score, "min_wall_share": options.min_score}
+        facts = {"wall_share": taken.score, "min_wall_share": MIN_SCORE}
         facts |= {"is_plan_metric": floorplan.is_metric}
         found.append(Finding(PlanKind.LITTLE_WALL_ON_PLAN, facts))
     left_open = _left_open(taken)
@@ -263,7 +277,7 @@ def _taken(
     best = candidates[options.candidate - 1]
     if options.candidate > 1 or recorded is None:
         return best, False
-    any_scale = SameWithin(options.prior_translation_m, options.prior_yaw_deg, np.inf)
+    any_scale = SameWithin(PRIOR_TRANSLATION_M, PRIOR_YAW_DEG, np.inf)
     is_near = is_same(hypotheses, recorded, walls, any_scale)
     near = next((each for each, is_it in zip(hypotheses, is_near, strict=True) if is_it), None)
     if near is not None and near.score >= AS_RECORDED_SHARE * best.score:
@@ -285,10 +299,10 @@ def _rival_facts(
     }
 
 
-def outweighs(score: float, other_score: float, options: AlignOptions) -> bool:
+def outweighs(score: float, other_score: float) -> bool:
     """Whether so much more of the wall is explained that the other alignment is no rival."""
     margin = score - other_score
-    is_enough = score >= options.min_score and margin >= options.min_margin
+    is_enough = score >= MIN_SCORE and margin >= MIN_MARGIN
     return is_enough and not _is_thin(score, margin)
 
 

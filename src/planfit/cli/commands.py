@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from planfit import __version__
+from planfit.cli.gone_options import refuse_gone_flag
 from planfit.errors import OptionError, did_you_mean
 
 EXIT_CODES = (
@@ -92,6 +93,7 @@ class Command:
                     f"{name}: expected 'planfit {self.name} {self.usage}', found an option in place of a "
                     f"word; leave {name} out"
                 )
+            refuse_gone_flag(name)
             meant = did_you_mean(name, known)
             raise OptionError(
                 f"{name}: expected an option of 'planfit {self.name}', found an unknown one; "

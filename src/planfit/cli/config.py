@@ -10,6 +10,9 @@ import tyro
 
 from planfit.cli.commands import looks_like_flag, plain_name
 from planfit.errors import OptionError
+from planfit.cli.gone_options import refuse_gone
+from planfit.errors import OptionError, ScanError
+from planfit.export.option_files import FILES_OF_SCAN
 from planfit.runtime import options_of
 
 Options = TypeVar("Options")
@@ -66,4 +69,5 @@ def read_options(path: Path, defaults: Options) -> Options:
         raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise OptionError(f"{path}: expected TOML, found {error}") from error
+    refuse_gone(values, f"{path}: ")
     return options_of(values, defaults, f"{path}: ")

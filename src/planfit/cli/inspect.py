@@ -19,7 +19,7 @@ from planfit.scan.statistics import (
     depth_statistics,
     path_statistics,
 )
-from planfit.segmentation.gravity import Gravity, GravityOptions, find_gravity
+from planfit.segmentation.gravity import Gravity, find_gravity
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def inspect_command(arguments: InspectArguments) -> int:
         runtime = Runtime(arguments.workers, None, bars.update)
         depth = depth_statistics(scan, runtime)
         path = path_statistics(scan)
-        gravity = find_gravity(scan, GravityOptions(), runtime)
+        gravity = find_gravity(scan, runtime)
     out.print(f"scan {scan.name}\n", soft_wrap=True)
     text = table("", ["", ""], _rows(scan, depth, path, gravity))
     text.columns[1].justify = "left"

@@ -29,6 +29,11 @@ from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Cost, Solution, SolverOptions
 from planfit.lsq.term import Term, robust_cost
 
+BARRIER_SHARE = 0.01
+"""Barrier over the cost of the other terms where the second round begins; sets gamma. Less comes
+closer to the bound and takes more rounds: against a plan that disagrees with the scan, 0.1, 0.01 and
+0.001 used an eighth, two thirds and nine tenths of the room, in about 20, 20 and 40 rounds."""
+
 
 @dataclass(frozen=True)
 class BoundedOptions:
@@ -40,13 +45,9 @@ class BoundedOptions:
     slack: float = 1e-3
     """Added to the bound, in units of the cost (of squares: half of squared sigmas): where the bounded terms
     fit without any error, a bound at a multiple of nothing would leave no room at all."""
-    barrier_share: float = 0.01
-    """Barrier over the cost of the other terms where the second round begins; sets gamma. Less comes
-    closer to the bound and takes more rounds: against a plan that disagrees with the scan, 0.1, 0.01 and
-    0.001 used an eighth, two thirds and nine tenths of the room, in about 20, 20 and 40 rounds."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "slack", "barrier_share")
+        require_positive(self, "slack")
         if not self.error_factor >= 1:
             raise OptionError(
                 f"BoundedOptions.error_factor: expected at least 1, found {self.error_factor}"
@@ -148,7 +149,7 @@ def solve_bounded(
     bound = growth * least + options.slack
     paid = robust_cost(others, start)
     # Where the others cost nothing any gamma will do.
-    gamma = options.barrier_share * (bound - least) * (paid or 1.0)
+    gamma = BARRIER_SHARE * (bound - least) * (paid or 1.0)
     barrier = BarrierTerm(terms, least, bound, gamma)
     solution = Problem([*others, barrier], start).solve(solver_options)
     cost = Cost(least, robust_cost(terms, solution.target_from_cams))

@@ -19,6 +19,11 @@ from planfit.runtime.short_repr import short_repr
 
 log = logging.getLogger(__name__)
 
+STEPS_PER_REWEIGHTING = 2
+"""Steps taken before weights are renewed; they cost little beside the pass over the points."""
+INITIAL_DAMPING = 1e-4
+"""Damping of the first step, relative to the diagonal of the normal equations."""
+
 
 class Stop(Enum):
     """Why a solve ended."""
@@ -34,12 +39,8 @@ class SolverOptions:
 
     max_iterations: int = 50
     """Reweighting rounds at most."""
-    steps_per_reweighting: int = 2
-    """Steps taken before weights are renewed; they cost little beside the pass over the points."""
     cost_tolerance: float = 1e-5
     """Ends when a round lowers the robust cost by less than this share of itself."""
-    initial_damping: float = 1e-4
-    """Damping of the first step, relative to the diagonal of the normal equations."""
     linear_solver: LinearSolver = "auto"
     """How a step is solved for: `direct` (sparse factorisation), `cg` (conjugate gradients), `pardiso` (MKL's
     factorisation, an extra), or `auto`: direct where loops fill the factor little, else cg."""
@@ -50,7 +51,7 @@ class SolverOptions:
     def __post_init__(self) -> None:
         require_choice(self, "linear_solver", "auto", "direct", "cg", "pardiso")
         require_choice(self, "device", "cpu", "cuda")
-        require_positive(self, "max_iterations", "steps_per_reweighting", "initial_damping")
+        require_positive(self, "max_iterations")
 
 
 DEFAULTS = SolverOptions()
@@ -99,7 +100,7 @@ def solve(
     reweighted = [term.reweight(poses) for term in terms]
     before = [cost for _, cost in reweighted]
     _require_finite(terms, before)
-    total, stop, damping = sum(before), Stop.LIMIT, options.initial_damping
+    total, stop, damping = sum(before), Stop.LIMIT, INITIAL_DAMPING
     iterations = 0
     rounding = 1e-12 * total  # below, actual over predicted decrease is noise
     # OpenBLAS threads spin between the many small products and slow them down.
@@ -109,7 +110,7 @@ def solve(
             quadratics = [quadratic for quadratic, _ in reweighted]
             outcomes, least = [], options.cost_tolerance * total
             cost = _cost(quadratics, poses)
-            for _ in range(options.steps_per_reweighting):
+            for _ in range(STEPS_PER_REWEIGHTING):
                 blocks = [quadratic.normal_blocks(poses) for quadratic in quadratics]
                 equations = NormalEquations(blocks, len(poses), pattern)
                 pattern = equations.pattern

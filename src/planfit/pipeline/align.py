@@ -29,6 +29,7 @@ from planfit.alignment import (
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import AlignOptions, RecordedAxes
+from planfit.alignment.selection import MIN_SCORE
 from planfit.alignment.wall_thickness import THINNEST_M
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.findings import Finding, PlanKind
@@ -237,7 +238,7 @@ def find_alignment(
     chosen = options.align
     if chosen.method == "paper":
         points = scan_points(prepared.measurements.structure, prepared.level_from_keys)
-        return align_paper(points, walls, floorplan, chosen, np.random.default_rng(0))
+        return align_paper(points, walls, floorplan, np.random.default_rng(0))
     control_points = (
         *read_control_points(chosen.control_points, prepared.level_from_world, floorplan),
         *surveyed,
@@ -265,7 +266,7 @@ def find_alignment(
             f"{floorplan.size[1]:.4g} that fits the scan in {unit[0]}; "
             f"multiply its coordinates by {unit[1]:g}"
         )
-    if control_points and drawn.score < chosen.min_score:
+    if control_points and drawn.score < MIN_SCORE:
         little = Finding(PlanKind.POINTS_LEAVE_LITTLE_WALL, {"wall_share": drawn.score})
         return replace(drawn, findings=(*drawn.findings, little))
     return drawn

@@ -15,6 +15,7 @@ from jaxtyping import Bool
 
 from planfit.adjust import adjust_to_plan
 from planfit.alignment import judge_adjusted
+from planfit.alignment.selection import MIN_SCORE
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.pipeline.align import align_to_plan, wall_samples
@@ -123,7 +124,7 @@ def _best_by_revisits(
     recorded = _aligned(scan, tracking, calibrated.prepared, floorplan, options)
     as_recorded = 0.0 if recorded is None else _adjusted_score(recorded, options)
     highest = max(scores)
-    if highest < max(as_recorded - SAME_SCORE, options.align.min_score):
+    if highest < max(as_recorded - SAME_SCORE, MIN_SCORE):
         return None
     level = [t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE]
     return min(level, key=lambda each: each.times_usual)
@@ -136,7 +137,7 @@ def _tried_with_jumps(
     seen, torn = calibrated.observations, len(calibrated.prepared.torn_steps)
     assert seen.tracking is not None
     hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(
-        seen.tracking, seen.matches, options.matching.verify, options.tracking
+        seen.tracking, seen.matches, options.matching.verify
     )
     for each in hypotheses:
         prepared = _prepared(scan, calibrated, each.tracking, options)
@@ -165,7 +166,7 @@ def _better_by_parts(
         prepared = _prepared(scan, calibrated, tracking, options, without)
         found = _aligned(scan, tracking, prepared, floorplan, options)
         score = 0.0 if found is None else _adjusted_score(found, options)
-        if found is not None and score > highest and score >= options.align.min_score:
+        if found is not None and score > highest and score >= MIN_SCORE:
             best, highest = replace(found, is_against=without), score
     return best
 

@@ -182,7 +182,7 @@ def observe(
     opened = with_open_steps(tracking.odometry, tracking.contradicted_steps)
     odometry = keyed.odometry(replace(tracking, odometry=opened))
     with stages.stage("level"):
-        gravity = find_gravity(believed, chosen.segmentation.gravity, running)
+        gravity = find_gravity(believed, running)
     with stages.stage("floor and walls"):
         structure = segment_scan(believed, gravity, chosen.segmentation, running)
     surfaces = SurfacePairs.none()
@@ -290,9 +290,7 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
         # Surfaces are brought together from the recorded motion, too: now that of the convention found.
         believed = _believed(keyed, replace(options, poses_convention=found))
         judged = _by_neighbours(keyed, believed, known, options, runtime)
-    more = frames_in_doubt(
-        judged.tracking, keyed.frame_idx, _are_bridged(judged), options.keyframes
-    )
+    more = frames_in_doubt(judged.tracking, keyed.frame_idx, _are_bridged(judged))
     if len(more):
         denser = replace(keyed, frame_idx=np.union1d(keyed.frame_idx, more))
         known_idx = denser.number_of(keyed.frame_idx)
@@ -389,5 +387,5 @@ def _by_revisits(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _
     verdicts = keyed.verdicts(tracking)
     found, known = search_matches(mended, steps, matching, runtime, judged.known, verdicts)
     revisits = found.numbered(keyed.frame_idx)
-    placed = place_submaps(tracking, revisits, matching.verify, options.tracking)
+    placed = place_submaps(tracking, revisits, matching.verify)
     return replace(judged, tracking=placed, known=known)

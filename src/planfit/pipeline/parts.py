@@ -24,7 +24,7 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import LONG, times_usual, usual_step
-from planfit.tracking import Tracking, TrackingOptions
+from planfit.tracking import Tracking
 from planfit.tracking.breaks import is_far
 from planfit.tracking.types import describe_jump, size_of
 
@@ -70,7 +70,7 @@ def placed_by_parts(
     if plan is None or found is None or options.align.method == "paper":
         return None
     plan = plan.used()
-    parts = _parts(prepared, _cuts(prepared, tracking, options.tracking))
+    parts = _parts(prepared, _cuts(prepared, tracking))
     if len(parts) < 2 or not _is_any_poor(prepared, parts, plan, found):
         return None
     chosen = replace(options.align, control_points=(), start="", candidate=1)
@@ -78,19 +78,17 @@ def placed_by_parts(
         _Part(first, last, align(_walls_of(prepared, first, last), plan, chosen))
         for first, last in parts
     ]
-    return _chained(prepared, tracking, aligned, options.tracking)
+    return _chained(prepared, tracking, aligned)
 
 
-def _cuts(
-    prepared: PreparedScan, tracking: Tracking, options: TrackingOptions
-) -> Int[np.ndarray, " c"]:
+def _cuts(prepared: PreparedScan, tracking: Tracking) -> Int[np.ndarray, " c"]:
     """Steps between keyframes that are as long as a jump and that no matched keypoints bridge."""
     steps = prepared.measurements.odometry.cam_from_next
     if len(steps) == 0:
         return np.zeros(0, dtype=int)
     is_bridged = spanned_steps(prepared.measurements.matches.pairs, len(steps))
     is_long = times_usual(steps, usual_step(steps)) > LONG
-    is_jump = np.array([is_far(*size_of(step), options) for step in steps])
+    is_jump = np.array([is_far(*size_of(step)) for step in steps])
     # Steps about lost frames are open already, and what is beyond them was placed, or is said to be lost.
     is_open = np.isin(prepared.keyframes.frame_idx[:-1], tracking.open_steps)
     return np.flatnonzero(is_long & is_jump & ~is_bridged & ~is_open)
@@ -134,9 +132,7 @@ def _is_any_poor(
     return min(scores) < POOR_SCORE
 
 
-def _chained(
-    prepared: PreparedScan, tracking: Tracking, parts: list[_Part], options: TrackingOptions
-) -> Tracking | None:
+def _chained(prepared: PreparedScan, tracking: Tracking, parts: list[_Part]) -> Tracking | None:
     """The walk with each part where it lies on the plan, from the surest one on to both sides."""
     good = [k for k, each in enumerate(parts) if _is_good(each)]
     if not good:
@@ -150,7 +146,7 @@ def _chained(
         )
     for k in range(surest - 1, -1, -1):
         plan_from_level[k] = _place_of(prepared, parts[k], plan_from_level[k + 1], parts[k].last)
-    return _with_jumps(prepared, tracking, parts, plan_from_level, options)
+    return _with_jumps(prepared, tracking, parts, plan_from_level)
 
 
 def _is_good(part: _Part) -> bool:
@@ -192,7 +188,6 @@ def _with_jumps(
     tracking: Tracking,
     parts: list[_Part],
     plan_from_level: list[Float[np.ndarray, "4 4"]],
-    options: TrackingOptions,
 ) -> Tracking | None:
     """The tracking with its steps from part to part as the plan says, where that is a jump from recorded."""
     keys, poses = prepared.keyframes.frame_idx, tracking.world_from_cams.copy()
@@ -207,7 +202,7 @@ def _with_jumps(
         ]
         told = se3.inverse(on_plan[0]) @ on_plan[1]
         recorded = se3.inverse(poses[keys[before]]) @ poses[keys[after]]
-        if not is_far(*size_of(se3.inverse(recorded) @ told), options):
+        if not is_far(*size_of(se3.inverse(recorded) @ told)):
             continue
         # Frames between the two keyframes stay with the first one.
         step = int(keys[after]) - 1

@@ -76,7 +76,7 @@ def against_walls(
     if alone is None:
         return on_plan
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
-    apart = is_clearly_better(alone.alignment, taken, walls, options.align)
+    apart = is_clearly_better(alone.alignment, taken, walls)
     if apart is None:
         return on_plan
     least_m = SameWithin.surveyed().translation_m

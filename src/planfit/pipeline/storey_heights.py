@@ -22,6 +22,7 @@ from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import Structure
+from planfit.segmentation.storeys import MAX_DRIFT_M
 
 STEP_M = 0.1
 """Heights are tried this far apart."""
@@ -61,24 +62,21 @@ def settle_floors(
     )
     on_one = replace(observations, structure=structure)
     again = prepare(scan, on_one, options, timer)
-    max_off_m = options.segmentation.storeys.max_drift_m
-    storeys, one = (_costs_on_floors(each, adjust, max_off_m) for each in (prepared, again))
+    storeys, one = (_costs_on_floors(each, adjust) for each in (prepared, again))
     strain = sum(one.values()) - one["floor"] - (sum(storeys.values()) - storeys["floor"])
     if sum(storeys.values()) - sum(one.values()) < MIN_GAIN or strain > MAX_STRAIN:
         return observations, prepared
     return on_one, again
 
 
-def _costs_on_floors(
-    prepared: PreparedScan, options: AdjustOptions, max_off_m: float
-) -> dict[str, float]:
-    """Cost of each term that needs no plan; a frame whose floor is on no storey is `max_off_m` off one."""
+def _costs_on_floors(prepared: PreparedScan, options: AdjustOptions) -> dict[str, float]:
+    """Cost of each term that needs no plan; a frame whose floor is on no storey is `MAX_DRIFT_M` off one."""
     measured, poses = prepared.measurements, prepared.level_from_keys
     structure = measured.structure
     middles_m = level_middles(structure.floor, poses)
     heights_m = structure.floor_heights_m
     is_off = np.isnan(heights_m) & np.isfinite(middles_m)
-    held = replace(structure, floor_heights_m=np.where(is_off, middles_m - max_off_m, heights_m))
+    held = replace(structure, floor_heights_m=np.where(is_off, middles_m - MAX_DRIFT_M, heights_m))
     return build_problem(replace(measured, structure=held), options, poses).costs(poses)
 
 

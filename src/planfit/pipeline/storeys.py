@@ -82,7 +82,6 @@ def place_on_storeys(
     floors_m, of_frames = number_storeys(
         observations.structure.floor_heights_m,
         level_from_cams[:, 2, 3],
-        options.segmentation.storeys,
     )
     of_keys = of_frames[prepared.keyframes.frame_idx]
     with timer.stage("floors of storeys"):

@@ -16,11 +16,7 @@ class VerdictOptions:
     max_stretch_error_m: float = 0.27
     """Predicted error of a stretch of the walk beyond which its frames are named."""
 
-    alone_factor: float = 1.5
-    """Both may be so many times as large where nothing fixed holds the whole (no plan): errors grow along the
-    walk there, and the result is judged by whether the scan agrees with itself."""
-
     def __post_init__(self) -> None:
-        require_positive(self, "max_error_m", "max_stretch_error_m", "alone_factor")
+        require_positive(self, "max_error_m", "max_stretch_error_m")
         if self.folds < 2:
             raise OptionError(f"verdict.folds: expected 2 or more, found {self.folds}")

@@ -11,16 +11,24 @@ from planfit.errors import ScanError
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Label, Scan
 from planfit.segmentation.geometry_labels import (
-    GeometryLabelOptions,
+    MAX_TILT_DEG,
     label_by_geometry,
     to_full_size,
 )
-from planfit.segmentation.storeys import StoreyOptions, storey_heights
+from planfit.segmentation.storeys import storey_heights
 from planfit.segmentation.surfaces import find_surfaces
 from planfit.segmentation.visibility_map import FrameSample, Submap, build_submap
 
 _SAMPLE_WIDTH_PX = 40
 """About as many points of a row tell what a frame sees over what."""
+_NORMAL_RADIUS_PX = 3
+"""Half the baseline of a normal, for images 320 px wide; larger is steadier and blurs corners."""
+_FREE_ABOVE_M = 0.15
+"""What cameras see past the top of by more than this is furniture; what they never see over is wall."""
+_MIN_WALL_RISE_M = 0.4
+"""Upright surfaces seen over a smaller range of heights are no wall."""
+_SUBMAP_FRAMES = 32
+"""Frames whose lines of sight are put together; fewer know less, more suffer from drift."""
 
 
 @runtime_checkable
@@ -105,30 +113,25 @@ class _GeometryBackEnd:
         scan: Scan,
         upright_from_cams: Float[np.ndarray, "n 4 4"],
         submaps: list[Submap],
-        options: GeometryLabelOptions,
     ) -> None:
         self._cameras = scan.cameras
         self._upright_from_cams = upright_from_cams
         self._submaps = submaps
-        self._options = options
 
     def labels(self, frame_idx: int, depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """From the frame's depth and the submap that it is part of."""
         upright_from_cam = self._upright_from_cams[frame_idx]
-        options = self._options
         surfaces = find_surfaces(
-            depth, self._cameras[frame_idx], upright_from_cam, options.normal_radius_px
+            depth, self._cameras[frame_idx], upright_from_cam, _NORMAL_RADIUS_PX
         )
-        submap = self._submaps[frame_idx // options.submap_frames]
-        labels = label_by_geometry(surfaces, upright_from_cam[:3, 3], submap, options)
+        submap = self._submaps[frame_idx // _SUBMAP_FRAMES]
+        labels = label_by_geometry(surfaces, upright_from_cam[:3, 3], submap)
         return to_full_size(labels, surfaces.step_px, (depth.shape[0], depth.shape[1]))
 
 
 def geometry_back_end(
     scan: Scan,
     upright_from_cams: Float[np.ndarray, "n 4 4"],
-    options: GeometryLabelOptions,
-    storeys: StoreyOptions,
     runtime: Runtime,
 ) -> _GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
@@ -139,21 +142,17 @@ def geometry_back_end(
     Args:
         scan: its depth is read.
         upright_from_cams: poses in the world turned upright.
-        options: what counts as floor, wall and ceiling.
-        storeys: how a floor is told from a worktop.
         runtime: threads, cache and progress.
     """
-    n, size = len(scan), options.submap_frames
+    n, size = len(scan), _SUBMAP_FRAMES
     # Frames at its ends are part of two submaps: their depth is decoded once for both.
-    sample = lru_cache(maxsize=2 * size)(
-        lambda i: _sample_frame(scan, upright_from_cams, i, options)
-    )
+    sample = lru_cache(maxsize=2 * size)(lambda i: _sample_frame(scan, upright_from_cams, i))
 
     def one(k: int) -> Arrays:
         frames = range(max(0, k * size - size // 4), min(n, (k + 1) * size + size // 4))
         samples = [sample(i) for i in frames]
-        tilt_sine = float(np.sin(np.deg2rad(options.max_tilt_deg)))
-        found = build_submap(samples, tilt_sine, options.free_above_m, options.min_wall_rise_m)
+        tilt_sine = float(np.sin(np.deg2rad(MAX_TILT_DEG)))
+        found = build_submap(samples, tilt_sine, _FREE_ABOVE_M, _MIN_WALL_RISE_M)
         return {
             "low_xy": found.low_xy,
             "is_wall": found.is_wall,
@@ -164,10 +163,10 @@ def geometry_back_end(
 
     key = cache_key(
         scan.fingerprint, "submaps", scan.world_from_cams.tobytes(),
-        upright_from_cams.tobytes(), options,
+        upright_from_cams.tobytes(),
     )  # fmt: skip
     items = runtime.map("what is seen over what", key, -(-n // size), one, chunk_size=1)
-    floors = storey_heights(np.array([float(item["floor_m"]) for item in items]), storeys)
+    floors = storey_heights(np.array([float(item["floor_m"]) for item in items]))
     submaps = [
         Submap(
             low_xy=item["low_xy"],
@@ -178,19 +177,17 @@ def geometry_back_end(
         )
         for item, floor_m in zip(items, floors, strict=True)
     ]
-    return _GeometryBackEnd(scan, upright_from_cams, submaps, options)
+    return _GeometryBackEnd(scan, upright_from_cams, submaps)
 
 
-def _sample_frame(
-    scan: Scan, upright_from_cams: np.ndarray, i: int, options: GeometryLabelOptions
-) -> FrameSample:
+def _sample_frame(scan: Scan, upright_from_cams: np.ndarray, i: int) -> FrameSample:
     """Few points of frame i, in the world turned upright (n, 4, 4)."""
     centre = upright_from_cams[i, :3, 3]
     found = find_surfaces(
         scan.files.depth(i),
         scan.cameras[i],
         upright_from_cams[i],
-        options.normal_radius_px,
+        _NORMAL_RADIUS_PX,
         _SAMPLE_WIDTH_PX,
     )
     seen = np.isfinite(found.points[..., 2])

@@ -1,55 +1,25 @@
 """Floor, wall and ceiling pixels of a frame from geometry, given what its submap shows."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from planfit.errors import require_positive
 from planfit.scan import Label
 from planfit.segmentation.label_kernels import grow_labels, label_level, label_walls
 from planfit.segmentation.surfaces import Surfaces
 from planfit.segmentation.visibility_map import Submap
 
-
-@dataclass(frozen=True)
-class GeometryLabelOptions:
-    """What counts as floor, wall and ceiling by its geometry."""
-
-    normal_radius_px: int = 3
-    """Half the baseline of a normal, for images 320 px wide; larger is steadier and blurs corners."""
-    max_tilt_deg: float = 15.0
-    """A floor's normal is within this of up, a wall's within this of level."""
-    floor_band_m: float = 0.15
-    """Level surfaces within this of the floor's height nearby are floor, of the ceiling's ceiling; leaves
-    room for drift in height within a submap."""
-    tolerance_m: float = 0.03
-    """Pixels without a sure normal belong to the floor, wall or ceiling beside them within this of its
-    plane, plus `tolerance_per_m2` of their squared depth."""
-    tolerance_per_m2: float = 0.003
-    """Growth of that tolerance with depth: the noise of depth cameras."""
-    grow_px: int = 12
-    """How far floor, walls and ceiling grow over such pixels, for images 320 px wide."""
-    free_above_m: float = 0.15
-    """What cameras see past the top of by more than this is furniture; what they never see over is wall."""
-    min_wall_rise_m: float = 0.4
-    """Upright surfaces seen over a smaller range of heights are no wall."""
-    submap_frames: int = 32
-    """Frames whose lines of sight are put together; fewer know less, more suffer from drift."""
-
-    def __post_init__(self) -> None:
-        require_positive(
-            self,
-            "normal_radius_px",
-            "max_tilt_deg",
-            "floor_band_m",
-            "tolerance_m",
-            "free_above_m",
-            "min_wall_rise_m",
-            "submap_frames",
-        )
-
-
+MAX_TILT_DEG = 15.0
+"""A floor's normal is within this of up, a wall's within this of level."""
+_FLOOR_BAND_M = 0.15
+"""Level surfaces within this of the floor's height nearby are floor, of the ceiling's ceiling; leaves
+room for drift in height within a submap."""
+_TOLERANCE_M = 0.03
+"""Pixels without a sure normal belong to the floor, wall or ceiling beside them within this of its
+plane, plus `_TOLERANCE_PER_M2` of their squared depth."""
+_TOLERANCE_PER_M2 = 0.003
+"""Growth of that tolerance with depth: the noise of depth cameras."""
+_GROW_PX = 12
+"""How far floor, walls and ceiling grow over such pixels, for images 320 px wide."""
 _MIN_SEEDS = 3000
 """A plane is fitted to at least this many points where there are as many, and to less than twice."""
 
@@ -58,7 +28,6 @@ def label_by_geometry(
     surfaces: Surfaces,
     centre: Float[np.ndarray, "3"],
     submap: Submap,
-    options: GeometryLabelOptions,
 ) -> UInt8[np.ndarray, "h w"]:
     """Labels of a frame's surfaces: floor, wall, ceiling, or none.
 
@@ -66,15 +35,15 @@ def label_by_geometry(
     """
     points, normals = surfaces.points, surfaces.normals
     height = points[..., 2] + centre[2]
-    sine = np.sin(np.deg2rad(options.max_tilt_deg))
+    sine = np.sin(np.deg2rad(MAX_TILT_DEG))
     labels = np.full(height.shape, Label.NONE, dtype=np.uint8)
     planes = np.zeros((*height.shape, 4), dtype=np.float32)  # that each labelled pixel lies on
     with np.errstate(invalid="ignore"):
-        tolerance = options.tolerance_m + options.tolerance_per_m2 * surfaces.depth**2
+        tolerance = _TOLERANCE_M + _TOLERANCE_PER_M2 * surfaces.depth**2
     is_wall = submap.wall_at(points[..., :2] + centre[:2])
     label_walls(labels, planes, points, normals, sine, is_wall, int(Label.WALL))
-    _label_levels(labels, planes, surfaces, height, tolerance, submap, options)
-    grow = max(1, round(options.grow_px * points.shape[1] / 320))
+    _label_levels(labels, planes, surfaces, height, tolerance, submap)
+    grow = max(1, round(_GROW_PX * points.shape[1] / 320))
     grow_labels(labels, planes, points, normals, tolerance, grow)
     return labels
 
@@ -86,17 +55,16 @@ def _label_levels(
     height: np.ndarray,
     tolerance: np.ndarray,
     submap: Submap,
-    options: GeometryLabelOptions,
 ) -> None:
     """Label floor and ceilings (h, w) with the plane fitted to each (h, w, 4), in place."""
     points = surfaces.points
     nz = np.ascontiguousarray(surfaces.normals[..., 2])
-    cosine = np.cos(np.deg2rad(options.max_tilt_deg))
+    cosine = np.cos(np.deg2rad(MAX_TILT_DEG))
     levels = [(Label.FLOOR, submap.floor_m, 1.0)]
     levels += [(Label.CEILING, z, -1.0) for z in submap.ceilings_m]
     for label, level_m, facing in levels:
         with np.errstate(invalid="ignore"):
-            near = np.abs(height - level_m) < options.floor_band_m
+            near = np.abs(height - level_m) < _FLOOR_BAND_M
             seeds = np.flatnonzero(near & (facing * nz > cosine))
         some = seeds[:: max(1, len(seeds) // _MIN_SEEDS)]
         plane = _level_plane(points.reshape(-1, 3)[some].astype(float))

@@ -8,28 +8,18 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from planfit.errors import require_positive
 from planfit.geometry.depth_normals import depth_normals
 from planfit.runtime import Runtime, cache_key, short_repr
 from planfit.scan import Scan
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""
-
-
-@dataclass(frozen=True)
-class GravityOptions:
-    """How gravity is found where the format does not record it."""
-
-    max_frames: int = 60
-    """Frames looked at, spread evenly over the scan."""
-    max_tilt_deg: float = 40.0
-    """The camera is held upright within this on average; it tells floor and ceiling from walls."""
-    cluster_deg: float = 5.0
-    """Level surfaces and walls within this of level and upright take part in the fit."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_frames", "max_tilt_deg", "cluster_deg")
+_MAX_FRAMES = 60
+"""Frames looked at, spread evenly over the scan."""
+_MAX_TILT_DEG = 40.0
+"""The camera is held upright within this on average; it tells floor and ceiling from walls."""
+_CLUSTER_DEG = 5.0
+"""Level surfaces and walls within this of level and upright take part in the fit."""
 
 
 @dataclass(frozen=True)
@@ -46,15 +36,15 @@ class Gravity:
     __repr__ = short_repr
 
 
-def find_gravity(scan: Scan, options: GravityOptions, runtime: Runtime) -> Gravity:
+def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     """Up direction of a scan, in world axes.
 
-    The fit begins at the most common normal among those within `max_tilt_deg` of the mean image-up
+    The fit begins at the most common normal among those within 40 degrees of the mean image-up
     direction: floor and ceiling in most scans. Its sign comes from the cameras.
     """
     if scan.up_world is not None:
         return Gravity(scan.up_world, 1.0, "recorded by the scan's format")
-    frames = np.unique(np.linspace(0, len(scan) - 1, options.max_frames).astype(int))
+    frames = np.unique(np.linspace(0, len(scan) - 1, _MAX_FRAMES).astype(int))
 
     def normals_world(item: int) -> dict[str, np.ndarray]:
         i = int(frames[item])
@@ -63,31 +53,29 @@ def find_gravity(scan: Scan, options: GravityOptions, runtime: Runtime) -> Gravi
         normals = normals[np.isfinite(normals).all(axis=1)]
         return {"normals": normals @ scan.world_from_cams[i, :3, :3].T}
 
-    key = cache_key(scan.fingerprint, scan.world_from_cams[frames].tobytes(), options)
+    key = cache_key(scan.fingerprint, scan.world_from_cams[frames].tobytes())
     items = runtime.map("gravity", key, len(frames), normals_world)
     normals = np.concatenate([item["normals"] for item in items])
     up_of_cameras = -scan.world_from_cams[:, :3, 1].mean(axis=0)
     up_of_cameras /= max(float(np.linalg.norm(up_of_cameras)), 1e-9)
-    return _most_common(normals, up_of_cameras, options)
+    return _most_common(normals, up_of_cameras)
 
 
-def _most_common(normals: np.ndarray, near: np.ndarray, options: GravityOptions) -> Gravity:
-    """The mode of normals (n, 3) within `max_tilt_deg` of `near` (3,), by votes, refined."""
+def _most_common(normals: np.ndarray, near: np.ndarray) -> Gravity:
+    """The mode of normals (n, 3) within 40 degrees of `near` (3,), by votes, refined."""
     cosine = normals @ near
     # A ceiling's normal points down: antipodes count as one.
     upright = np.where((cosine < 0)[:, None], -normals, normals)
-    upright = upright[np.abs(cosine) > np.cos(np.deg2rad(options.max_tilt_deg))]
+    upright = upright[np.abs(cosine) > np.cos(np.deg2rad(_MAX_TILT_DEG))]
     if len(upright) < 100:
         return Gravity(near, 0.0, "the mean image-up direction: too few level surfaces were seen")
     candidates = upright[np.linspace(0, len(upright) - 1, 1500).astype(int)]
     votes = (upright[:: max(1, len(upright) // 5000)] @ candidates.T) > np.cos(np.deg2rad(3.0))
     up = candidates[np.argmax(votes.sum(axis=0))]
-    return _refined(normals, upright, up, options)
+    return _refined(normals, upright, up)
 
 
-def _refined(
-    normals: np.ndarray, upright: np.ndarray, up: np.ndarray, options: GravityOptions
-) -> Gravity:
+def _refined(normals: np.ndarray, upright: np.ndarray, up: np.ndarray) -> Gravity:
     """Up as the direction that level surfaces face and walls are square to.
 
     With unit normals m of level surfaces and n of walls, the sum of squared sines is
@@ -100,10 +88,10 @@ def _refined(
         for group, sign in ((upright, -1.0), (normals, 1.0)):
             cosine = np.clip(group @ up, -1.0, 1.0)
             angle_deg = np.rad2deg(np.arccos(cosine) if sign < 0 else np.arcsin(np.abs(cosine)))
-            near = angle_deg < options.cluster_deg
+            near = angle_deg < _CLUSTER_DEG
             weight = 1.0 / (1.0 + (angle_deg[near] / _SOFT_DEG) ** 2) ** 2
             form += sign * (group[near].T * weight) @ group[near]
         found = np.linalg.eigh(form)[1][:, 0]
         up = found if found @ up > 0 else -found
-    agrees = upright @ up > np.cos(np.deg2rad(options.cluster_deg))
+    agrees = upright @ up > np.cos(np.deg2rad(_CLUSTER_DEG))
     return Gravity(up.astype(float), float(np.mean(agrees)), "level surfaces and walls")

@@ -5,30 +5,29 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.errors import require_positive
+_TOLERANCE_M = 0.04
+"""Points within this, plus `_TOLERANCE_PER_M` of their distance, lie on a patch."""
+_TOLERANCE_PER_M = 0.004
+"""Growth of the tolerance with distance from the camera."""
+_MAX_PER_FRAME = 8
+"""Patches looked for in a frame, largest first."""
+_ROUNDS = 200
+"""Random pairs of points tried for each patch."""
 
 
 @dataclass(frozen=True)
-class PatchOptions:
-    """When wall points of a frame form one flat patch of wall."""
+class PatchSize:
+    """When points of a frame are enough for a flat patch."""
 
-    tolerance_m: float = 0.04
-    """Points within this, plus `tolerance_per_m` of their distance, lie on the patch."""
-    tolerance_per_m: float = 0.004
-    """Growth of the tolerance with distance from the camera."""
-    min_points: int = 60
+    min_points: int
     """Fewer sampled points are clutter."""
-    min_length_m: float = 0.5
-    """Shorter patches say little about the direction of their wall."""
-    max_per_frame: int = 8
-    """Patches looked for in a frame, largest first."""
-    rounds: int = 200
-    """Random pairs of points tried for each patch."""
+    min_length_m: float
+    """Shorter patches say little about the direction of their surface."""
 
-    def __post_init__(self) -> None:
-        require_positive(
-            self, "tolerance_m", "min_points", "min_length_m", "max_per_frame", "rounds"
-        )
+
+WALL_PATCH = PatchSize(min_points=60, min_length_m=0.5)
+COLUMN_PATCH = PatchSize(min_points=30, min_length_m=0.15)
+"""A column's side is short."""
 
 
 @dataclass(frozen=True)
@@ -44,28 +43,26 @@ class Patch:
 
 
 def find_patches(
-    xy: Float[np.ndarray, "n 2"], options: PatchOptions, rng: np.random.Generator
+    xy: Float[np.ndarray, "n 2"], size: PatchSize, rng: np.random.Generator
 ) -> list[Patch]:
     """Sequential RANSAC for lines among wall points (m) seen from above, camera at the origin."""
     patches: list[Patch] = []
     left = np.arange(len(xy))
-    tolerance = options.tolerance_m + options.tolerance_per_m * np.linalg.norm(xy, axis=1)
-    while len(left) >= options.min_points and len(patches) < options.max_per_frame:
-        members = left[_largest_line(xy[left], tolerance[left], options, rng)]
-        if len(members) < options.min_points:
+    tolerance = _TOLERANCE_M + _TOLERANCE_PER_M * np.linalg.norm(xy, axis=1)
+    while len(left) >= size.min_points and len(patches) < _MAX_PER_FRAME:
+        members = left[_largest_line(xy[left], tolerance[left], rng)]
+        if len(members) < size.min_points:
             break
         left = np.setdiff1d(left, members, assume_unique=True)
-        patch = _make_patch(xy, members, options)
+        patch = _make_patch(xy, members, size)
         if patch is not None:
             patches.append(patch)
     return patches
 
 
-def _largest_line(
-    xy: np.ndarray, tolerance: np.ndarray, options: PatchOptions, rng: np.random.Generator
-) -> np.ndarray:
+def _largest_line(xy: np.ndarray, tolerance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Indices (k,) of the points (n, 2) on the line that most lie on, refitted twice."""
-    pairs = rng.integers(len(xy), size=(options.rounds, 2))
+    pairs = rng.integers(len(xy), size=(_ROUNDS, 2))
     along = xy[pairs[:, 1]] - xy[pairs[:, 0]]
     length = np.linalg.norm(along, axis=1)
     pairs, along = pairs[length > 0.2], along[length > 0.2] / length[length > 0.2, None]
@@ -90,7 +87,7 @@ def _fit_line(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vectors[:, 0], centre
 
 
-def _make_patch(xy: np.ndarray, members: np.ndarray, options: PatchOptions) -> Patch | None:
+def _make_patch(xy: np.ndarray, members: np.ndarray, size: PatchSize) -> Patch | None:
     """Cut the run of most points without a gap of half a metre out of a line's members (k,)."""
     normal, centre = _fit_line(xy[members])
     if normal @ centre > 0:
@@ -102,7 +99,7 @@ def _make_patch(xy: np.ndarray, members: np.ndarray, options: PatchOptions) -> P
     breaks = np.flatnonzero(np.diff(at[order]) > 0.5) + 1
     run = max(np.split(order, breaks), key=len)
     low, high = np.quantile(at[run], [0.02, 0.98])
-    if len(run) < options.min_points or high - low < options.min_length_m:
+    if len(run) < size.min_points or high - low < size.min_length_m:
         return None
     ends = centre + np.outer([low, high], along)
     return Patch(np.sort(members[run]), normal, ends)

@@ -15,16 +15,19 @@ from planfit.geometry.camera import Camera
 from planfit.runtime import Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
-from planfit.segmentation.geometry_labels import GeometryLabelOptions
-from planfit.segmentation.gravity import Gravity, GravityOptions
+from planfit.segmentation.gravity import Gravity
 from planfit.segmentation.learned import LearnedBackEnd, LearnedOptions
-from planfit.segmentation.patches import PatchOptions, find_patches
-from planfit.segmentation.storeys import StoreyOptions, find_storeys
+from planfit.segmentation.patches import COLUMN_PATCH, WALL_PATCH, PatchSize, find_patches
+from planfit.segmentation.storeys import find_storeys
 from planfit.segmentation.surfaces import depth_edges
 from planfit.segmentation.types import LevelPoints, Structure, WallPatches
 
 _STORED = ("floor", "ceiling", "unassigned", "walls_points", "columns_points")
 """Of what is found in a frame, the points: they are read when those of all frames are brought together."""
+_ERODE_PX = 3
+"""Pixels within this of a label's border are dropped: masks and depth rarely agree there."""
+_EDGE_STEP = 0.05
+"""Pixels near a jump of depth by more than this share are dropped."""
 
 
 @dataclass(frozen=True)
@@ -39,26 +42,10 @@ class SegmentationOptions:
     """Points further away are dropped."""
     stride_px: int = 3
     """One pixel in this many, each way, is looked at."""
-    erode_px: int = 3
-    """Pixels within this of a label's border are dropped: masks and depth rarely agree there."""
-    edge_step: float = 0.05
-    """Pixels near a jump of depth by more than this share are dropped."""
     max_points_per_frame: int = 1500
     """Floor points and wall points kept a frame, each."""
-    gravity: GravityOptions = field(default_factory=GravityOptions)
-    """How up is found."""
-    geometry: GeometryLabelOptions = field(default_factory=GeometryLabelOptions)
-    """The geometry back end."""
     learned: LearnedOptions = field(default_factory=LearnedOptions)
     """The learned back end."""
-    patches: PatchOptions = field(default_factory=PatchOptions)
-    """How wall points form flat patches."""
-    columns: PatchOptions = field(
-        default_factory=lambda: PatchOptions(min_points=30, min_length_m=0.15)
-    )
-    """How points of columns form flat patches: a column's side is short."""
-    storeys: StoreyOptions = field(default_factory=StoreyOptions)
-    """How floors of several storeys are told apart."""
     seed: int = 0
     """Seed of the random choices."""
 
@@ -68,7 +55,7 @@ class SegmentationOptions:
                 "segmentation.back_end: expected auto, masks, geometry or learned, "
                 f"found {self.back_end!r}"
             )
-        require_positive(self, "max_depth_m", "stride_px", "edge_step", "max_points_per_frame")
+        require_positive(self, "max_depth_m", "stride_px", "max_points_per_frame")
 
     @property
     def reads_masks(self) -> bool:
@@ -114,7 +101,7 @@ def segment_scan(
         back_end.identity,
     )  # fmt: skip
     items = runtime.map_stored("floor and walls", key, len(scan), compute, _STORED)
-    return _gather(items, upright_from_cams, back_end.name, options.storeys)
+    return _gather(items, upright_from_cams, back_end.name)
 
 
 def choose_back_end(
@@ -136,7 +123,7 @@ def choose_back_end(
     if scan.has_labels and options.back_end != "geometry":
         return MaskBackEnd(scan)
     upright_from_cams = level_from_world(gravity, 0.0) @ scan.world_from_cams
-    return geometry_back_end(scan, upright_from_cams, options.geometry, options.storeys, runtime)
+    return geometry_back_end(scan, upright_from_cams, runtime)
 
 
 def _segment_frame(
@@ -155,14 +142,14 @@ def _segment_frame(
     labels = back_end.labels(i, depth)
     with np.errstate(invalid="ignore"):
         usable = np.isfinite(depth) & (depth < options.max_depth_m)
-    usable &= ~depth_edges(depth, options.edge_step)
+    usable &= ~depth_edges(depth, _EDGE_STEP)
     sampled = {
         label: _sample(labels == label, usable, depth, camera, options, rng)
         for label in (Label.FLOOR, Label.WALL, Label.CEILING, Label.COLUMN)
     }
     upright = upright_from_cam[:3, :3]
-    walls, unassigned = _split_patches(sampled[Label.WALL], upright, options.patches, rng)
-    columns, _ = _split_patches(sampled[Label.COLUMN], upright, options.columns, rng)
+    walls, unassigned = _split_patches(sampled[Label.WALL], upright, WALL_PATCH, rng)
+    columns, _ = _split_patches(sampled[Label.COLUMN], upright, COLUMN_PATCH, rng)
     return {
         "floor": sampled[Label.FLOOR].astype(np.float32),
         "ceiling": sampled[Label.CEILING].astype(np.float32),
@@ -175,7 +162,7 @@ def _segment_frame(
 def _split_patches(
     points: np.ndarray,
     upright_from_cam: np.ndarray,
-    options: PatchOptions,
+    size: PatchSize,
     rng: np.random.Generator,
 ) -> tuple[Arrays, np.ndarray]:
     """Flat upright patches among points (n, 3) m of a frame, and the points (u, 3) on none.
@@ -183,7 +170,7 @@ def _split_patches(
     The rotation `upright_from_cam` (3, 3) makes the frame level.
     """
     points_level = points @ upright_from_cam.T
-    patches = find_patches(points_level[:, :2], options, rng)
+    patches = find_patches(points_level[:, :2], size, rng)
     mean_z = [points_level[p.point_idx, 2].mean() for p in patches]
     # reshape gives the arrays their shape where there are no patches, and no row tells it.
     normals = np.array([[*p.normal, 0.0] for p in patches]).reshape(-1, 3)
@@ -210,7 +197,7 @@ def _sample(
     rng: np.random.Generator,
 ) -> np.ndarray:
     """Points (n, 3) m, camera frame, of an eroded mask; at most `max_points_per_frame`."""
-    size = 2 * options.erode_px + 1
+    size = 2 * _ERODE_PX + 1
     inner = cv2.erode(mask.astype(np.uint8), np.ones((size, size), np.uint8)).astype(bool) & usable
     step = options.stride_px
     rows, columns = np.nonzero(inner[::step, ::step])
@@ -225,7 +212,6 @@ def _gather(
     items: Sequence[StoredItem],
     upright_from_cams: np.ndarray,
     back_end: str,
-    storeys: StoreyOptions,
 ) -> Structure:
     """What all frames show, with the storey that each stands on."""
     floor = _gather_level(items, "floor")
@@ -234,7 +220,7 @@ def _gather(
         of_frame, points = upright_from_cams[frame, 2], floor.points_cam[part]
         height[part] = np.einsum("ni,ni->n", of_frame[:, :3], points) + of_frame[:, 3]
         let_go(points)
-    main_m, above_main_m = find_storeys(height, floor.start, storeys)
+    main_m, above_main_m = find_storeys(height, floor.start)
     del height
     sizes = [len(item.stored["unassigned"]) for item in items]
     return Structure(

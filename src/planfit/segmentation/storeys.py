@@ -1,11 +1,8 @@
 """Which storey each frame stands on, by the heights of the floor it sees."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.errors import require_positive, require_share
 from planfit.segmentation.types import NO_STOREY
 
 _BIN_M = 0.1
@@ -14,26 +11,16 @@ _WITHIN_M = 0.2
 """Floors of one storey lie within this of each other, up and down, where poses drift a little."""
 _STEP_M = 0.25
 """The floor drifts by less than this from one submap to the next."""
-
-
-@dataclass(frozen=True)
-class StoreyOptions:
-    """When floors at different heights are storeys of their own."""
-
-    min_storey_m: float = 2.0
-    """Storeys are at least this far apart; a smaller range of heights is drift, or steps within one."""
-    max_drift_m: float = 0.7
-    """A frame belongs to a storey whose floor is within this of the floor that it sees."""
-    min_share: float = 0.05
-    """Share of the frames with floor that a storey needs; fewer are a landing."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "min_storey_m", "max_drift_m")
-        require_share(self, "min_share")
+_MIN_STOREY_M = 2.0
+"""Storeys are at least this far apart; a smaller range of heights is drift, or steps within one."""
+MAX_DRIFT_M = 0.7
+"""A frame belongs to a storey whose floor is within this of the floor that it sees."""
+_MIN_SHARE = 0.05
+"""Share of the frames with floor that a storey needs; fewer are a landing."""
 
 
 def find_storeys(
-    height_m: Float[np.ndarray, " m"], start: Int[np.ndarray, " n_plus_1"], options: StoreyOptions
+    height_m: Float[np.ndarray, " m"], start: Int[np.ndarray, " n_plus_1"]
 ) -> tuple[float, Float[np.ndarray, " n"]]:
     """Height of the main storey's floor, and that of each frame's storey above it, m.
 
@@ -44,7 +31,6 @@ def find_storeys(
     Args:
         height_m: of floor points in the levelled world, sorted by frame.
         start: frame i has the points start[i]:start[i + 1].
-        options: see there.
     """
     n = len(start) - 1
     counts = np.diff(start)
@@ -52,14 +38,14 @@ def find_storeys(
         return float("nan"), np.zeros(n)
     seen = np.flatnonzero(counts)
     of_frame = np.array([np.median(height_m[start[i] : start[i + 1]]) for i in seen])
-    levels = _peaks(of_frame, options)
+    levels = _peaks(of_frame)
     if len(levels) < 2:
         return float(np.median(height_m)), np.zeros(n)
     # A frame that sees no floor stands where the last one stood: interpolation between the frames that do,
     # rounded down, is the last of them (the first, before it).
     known = np.interp(np.arange(n), seen, np.arange(len(seen))).astype(int)
     nearest = np.argmin(np.abs(of_frame[:, None] - levels), axis=1)
-    is_on = np.abs(of_frame - levels[nearest]) < options.max_drift_m
+    is_on = np.abs(of_frame - levels[nearest]) < MAX_DRIFT_M
     # From frames to their points, to fit each storey's height to all points of its frames.
     point_level = np.full(n, -1)
     point_level[seen] = np.where(is_on, nearest, -1)
@@ -73,7 +59,6 @@ def find_storeys(
 def number_storeys(
     floor_heights_m: Float[np.ndarray, " n"],
     camera_heights_m: Float[np.ndarray, " n"],
-    options: StoreyOptions,
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " n"]]:
     """Floors (m) of the storeys that were walked, from the lowest, and which of them each frame stands on.
 
@@ -83,7 +68,6 @@ def number_storeys(
     Args:
         floor_heights_m: of the storey whose floor each frame sees, as `find_storeys` gives them.
         camera_heights_m: in the same frame, loops closed.
-        options: how much heights may drift.
     """
     is_known = np.isfinite(floor_heights_m)
     floors_m, of_known = np.unique(floor_heights_m[is_known], return_inverse=True)
@@ -92,13 +76,11 @@ def number_storeys(
     of_frames = np.full(len(floor_heights_m), NO_STOREY)
     of_frames[is_known] = of_known
     with np.errstate(invalid="ignore"):
-        of_frames[off_m > options.max_drift_m] = NO_STOREY
+        of_frames[off_m > MAX_DRIFT_M] = NO_STOREY
     return floors_m, of_frames
 
 
-def storey_heights(
-    floors_m: Float[np.ndarray, " n"], options: StoreyOptions
-) -> Float[np.ndarray, " n"]:
+def storey_heights(floors_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Floors (m) found in submaps of a scan, with those mended that are no floor; NaN for none.
 
     A submap that saw a worktop for the floor, or none, has the floor of the nearest submap that knows it:
@@ -106,14 +88,14 @@ def storey_heights(
     """
     n = len(floors_m)
     is_known = np.zeros(n, dtype=bool)
-    least = max(1.0, options.min_share * np.isfinite(floors_m).sum())
+    least = max(1.0, _MIN_SHARE * np.isfinite(floors_m).sum())
     above_m = -np.inf
     for floor_m in np.sort(floors_m[np.isfinite(floors_m)]):
         with np.errstate(invalid="ignore"):
             alike = (floors_m >= floor_m) & (floors_m <= floor_m + 2 * _WITHIN_M)
         if floor_m >= above_m and alike.sum() >= least:
             is_known |= alike
-            above_m = floor_m + options.min_storey_m
+            above_m = floor_m + _MIN_STOREY_M
     if not is_known.any():
         return floors_m
     # Heights drift over a long scan, but little from one submap to the next: what is known spreads to the
@@ -131,7 +113,7 @@ def storey_heights(
     return mended
 
 
-def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:
+def _peaks(of_frame: np.ndarray) -> np.ndarray:
     """Heights (k,) m at which many frames see their floor, at least a storey apart, highest count first."""
     low = of_frame.min() - _BIN_M
     edges = np.arange(low, of_frame.max() + 2 * _BIN_M, _BIN_M)
@@ -140,8 +122,8 @@ def _peaks(of_frame: np.ndarray, options: StoreyOptions) -> np.ndarray:
     centres = 0.5 * (edges[:-1] + edges[1:])
     # The highest bin, then the highest at least a storey away (non-maximum suppression), and so on.
     peaks: list[float] = []
-    while wide.max() >= max(options.min_share * len(of_frame), 1):
+    while wide.max() >= max(_MIN_SHARE * len(of_frame), 1):
         k = int(np.argmax(wide))
         peaks.append(float(centres[k]))
-        wide[np.abs(centres - centres[k]) < options.min_storey_m] = 0
+        wide[np.abs(centres - centres[k]) < _MIN_STOREY_M] = 0
     return np.array(peaks)

@@ -14,12 +14,13 @@ from jaxtyping import Bool, Float, Int
 from planfit.geometry import se3
 from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
 from planfit.tracking.motions import (
+    MAX_SIGMAS,
+    MIN_MATCHES_ALONE,
     MeasuredMotions,
     departures,
     expected_covariance,
     squared_sigmas,
 )
-from planfit.tracking.options import TrackingOptions
 
 TRUNCATION = 8.0
 """Departures beyond so many sigmas count no more: a false motion is false, however far off."""
@@ -31,6 +32,10 @@ MOST_UNUSUAL = 4.0
 the length of a step counts at most, beside squared sigmas of motions."""
 MAX_CONTRADICTED = 0.4
 """Where a larger share of the motions contradicts the poses, what is broken is no single step."""
+MIN_JUMP_M = 0.5
+"""A tracker has jumped where it went astray by at least this; robust losses take care of less."""
+MIN_JUMP_DEG = 8.0
+"""Or where it turned astray by at least this."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +88,6 @@ def find_displacement(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
     motions: MeasuredMotions,
-    options: TrackingOptions,
 ) -> Displacement | None:
     """The displacement that measured motions are most in favour of; None where none is sure.
 
@@ -91,13 +95,12 @@ def find_displacement(
         world_from_cams: poses as recorded, or after earlier displacements.
         odometry: with sigmas that fit this tracker.
         motions: measured.
-        options: when a motion contradicts the poses, and when that is enough.
     """
     if len(motions) == 0:
         return None
     covariance = expected_covariance(motions, odometry)
     squared = squared_sigmas(departures(motions, world_from_cams), covariance)
-    contradicts = squared > options.max_sigmas**2
+    contradicts = squared > MAX_SIGMAS**2
     best: Displacement | None = None
     best_rank = 0.0
     if np.mean(contradicts) > MAX_CONTRADICTED:
@@ -113,20 +116,18 @@ def find_displacement(
         if best is not None and bound + MOST_UNUSUAL**2 <= best_rank:
             continue
         votes = votes_on(world_from_cams, motions[of], covariance[of], inside)
-        found = _agreed(votes, (first, last), contradicts[of], options)
+        found = _agreed(votes, (first, last), contradicts[of])
         if found is None:
             continue
         is_tail = last == len(world_from_cams) - 1
-        if is_tail and _lengthens_blindly(
-            world_from_cams, votes, found, contradicts[of], usual, options
-        ):
+        if is_tail and _lengthens_blindly(world_from_cams, votes, found, contradicts[of], usual):
             continue
         rank = found.gain
         if is_tail:
             rank += _less_unusual(world_from_cams, found, usual)
         if best is not None and rank <= best_rank:
             continue
-        if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of], options):
+        if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of]):
             best, best_rank = found, rank
     return best
 
@@ -158,7 +159,6 @@ def _lengthens_blindly(
     jump: Displacement,
     contradicts: Bool[np.ndarray, " k"],
     usual: tuple[float, float],
-    options: TrackingOptions,
 ) -> bool:
     """Whether a jump would make a long step of one that is as usual, and no motion of many matches says so.
 
@@ -166,8 +166,8 @@ def _lengthens_blindly(
     pairs slide by the same way together: two of them turned steps of 0.8 m, like all about it, into 1.7 m.
     """
     recorded, corrected = _times_long(world_from_cams, jump, usual)
-    supports = (votes.cost(jump.world_from_recorded) < options.max_sigmas**2) & contradicts
-    is_sure = bool((votes.n_inliers[supports] >= options.min_matches_alone).any())
+    supports = (votes.cost(jump.world_from_recorded) < MAX_SIGMAS**2) & contradicts
+    is_sure = bool((votes.n_inliers[supports] >= MIN_MATCHES_ALONE).any())
     return recorded <= 1.0 < corrected and not is_sure
 
 
@@ -242,20 +242,18 @@ def consensus(
     return displaced, covariance
 
 
-def _agreed(
-    votes: Votes, run: tuple[int, int], contradicts: np.ndarray, options: TrackingOptions
-) -> Displacement | None:
+def _agreed(votes: Votes, run: tuple[int, int], contradicts: np.ndarray) -> Displacement | None:
     """The displacement of a run of frames that most votes agree on; None where too few do."""
-    found = consensus(votes, np.flatnonzero(contradicts), options.max_sigmas)
+    found = consensus(votes, np.flatnonzero(contradicts), MAX_SIGMAS)
     if found is None:
         return None
     displaced, covariance = found
     at = votes.cost(displaced)
     gain = float((votes.cost(np.eye(4)) - at).sum())
-    supports = (at < options.max_sigmas**2) & contradicts
-    if gain < options.max_sigmas**2 or not _is_confirmed(votes.n_inliers[supports], options):
+    supports = (at < MAX_SIGMAS**2) & contradicts
+    if gain < MAX_SIGMAS**2 or not _is_confirmed(votes.n_inliers[supports]):
         return None
-    if not is_large(displaced, votes.pivot, options):
+    if not is_large(displaced, votes.pivot):
         return None
     sigma = isotropic(covariance)
     return Displacement(*run, displaced, sigma[0], sigma[1], int(supports.sum()), gain)
@@ -267,33 +265,29 @@ def isotropic(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
     return float(np.sqrt(np.trace(rotation) / 3)), float(np.sqrt(np.trace(translation) / 3))
 
 
-def _is_confirmed(n_inliers: np.ndarray, options: TrackingOptions) -> bool:
+def _is_confirmed(n_inliers: np.ndarray) -> bool:
     """Whether two motions agree, or one of many matches says so."""
-    return len(n_inliers) >= 2 or bool((n_inliers >= options.min_matches_alone).any())
+    return len(n_inliers) >= 2 or bool((n_inliers >= MIN_MATCHES_ALONE).any())
 
 
-def is_large(
-    displaced: Float[np.ndarray, "4 4"], pivot: Float[np.ndarray, "3"], options: TrackingOptions
-) -> bool:
+def is_large(displaced: Float[np.ndarray, "4 4"], pivot: Float[np.ndarray, "3"]) -> bool:
     """Whether a displacement is more than what robust losses take care of."""
     way = float(np.linalg.norm(displaced[:3, :3] @ pivot + displaced[:3, 3] - pivot))
     angle = float(np.rad2deg(se3.rotation_angle(displaced[:3, :3])))
-    return is_far(way, angle, options)
+    return is_far(way, angle)
 
 
-def is_far(way_m: float, angle_deg: float, options: TrackingOptions) -> bool:
+def is_far(way_m: float, angle_deg: float) -> bool:
     """Whether a tracker that went astray by so much has jumped."""
-    return way_m >= options.min_jump_m or angle_deg >= options.min_jump_deg
+    return way_m >= MIN_JUMP_M or angle_deg >= MIN_JUMP_DEG
 
 
-def _is_seen_from_both_sides(
-    votes: Votes, found: Displacement, contradicts: np.ndarray, options: TrackingOptions
-) -> bool:
+def _is_seen_from_both_sides(votes: Votes, found: Displacement, contradicts: np.ndarray) -> bool:
     """Whether frames before and after a stretch both say that it stands elsewhere.
 
     Where only one side does, the tracker may as well have jumped and stayed: the simpler hypothesis.
     """
-    supports = votes.cost(found.world_from_recorded) < options.max_sigmas**2
+    supports = votes.cost(found.world_from_recorded) < MAX_SIGMAS**2
     sides = votes.other_idx[supports & contradicts] < found.first
     return bool(sides.any() and not sides.all())
 

@@ -30,6 +30,11 @@ MIN_INTERVALS, MIN_S = 0.05, 0.002
 MAX_STEP_M = 0.25
 """Between frames that are usually further apart, poses are not read: nobody walks straight for so long. On
 ConSLAM (0.6 m, half a frame late) the offset is found, but steps read err by 0.50 m, as recorded by 0.42."""
+MAX_SOUGHT_FRAMES = 2.5
+"""Largest time between an image and its pose that is sought, in intervals between frames, where
+`TrackingOptions.clock_max_s` is less: for scans with few frames a second or without times."""
+MIN_SIGMAS = 3.0
+"""A time between images and poses is believed from this many standard deviations on."""
 MAX_INTERVALS = 15.0
 """Offsets further off are not searched, however many frames a second there are."""
 INTERPOLATION_SIGMA = 0.03
@@ -128,7 +133,7 @@ def find_clock(
         motions: measured between neighbouring frames.
         is_whole: steps (frame i to i + 1) that may be interpolated.
         odometry: what is usual of trackers.
-        options: how far to search, and what is significant.
+        options: how far to search.
         keyframe_idx: frames between which steps are as sure as `odometry` says; without, all.
     """
     reach = _reach(times, options)
@@ -144,7 +149,7 @@ def find_clock(
         steps = make_odometry(read, odometry, None, keyframe_idx)
         covariance = expected_covariance(usable, steps, noise_factors(read, steps, usable))
         costs = _costs(world_from_cams, times.intervals, usable, is_whole, covariance, reach)
-        found = _minimum(costs, times, options)
+        found = _minimum(costs, times)
         if found is None:
             return None
         at = found.intervals
@@ -157,7 +162,7 @@ def find_clock(
 def _reach(times: FrameTimes, options: TrackingOptions) -> float:
     """Largest offset searched, in frame intervals."""
     of_time = 0.0 if times.interval_s is None else options.clock_max_s / times.interval_s
-    return min(max(options.clock_max_frames, of_time), MAX_INTERVALS)
+    return min(max(MAX_SOUGHT_FRAMES, of_time), MAX_INTERVALS)
 
 
 def _inside(
@@ -196,7 +201,7 @@ def _costs(
     return _Costs(offsets, by_block[np.bincount(block, minlength=n_blocks) > 0])
 
 
-def _minimum(costs: _Costs, times: FrameTimes, options: TrackingOptions) -> ClockOffset | None:
+def _minimum(costs: _Costs, times: FrameTimes) -> ClockOffset | None:
     """Where the averaged cost is least; None where that is at an end, or the fall is not significant."""
     averaged, slopes = costs.averaged(), costs.slopes()
     offsets = costs.offsets[HALF:-HALF]
@@ -218,11 +223,11 @@ def _minimum(costs: _Costs, times: FrameTimes, options: TrackingOptions) -> Cloc
     least = (
         MIN_INTERVALS if times.interval_s is None else max(MIN_INTERVALS, MIN_S / times.interval_s)
     )
-    is_kept = abs(best) > max(least, options.clock_min_sigmas * sigma)
-    if not is_kept or fall < options.clock_min_sigmas:
+    is_kept = abs(best) > max(least, MIN_SIGMAS * sigma)
+    if not is_kept or fall < MIN_SIGMAS:
         return None
     sigma = float(np.hypot(sigma, INTERPOLATION_SIGMA))
-    return ClockOffset(best, sigma, times.interval_s, gain > options.clock_min_sigmas)
+    return ClockOffset(best, sigma, times.interval_s, gain > MIN_SIGMAS)
 
 
 def _significance(falls: Float[np.ndarray, " b"]) -> float:

@@ -49,6 +49,8 @@ MAX_BREAKS_SHARE = 0.1
 
 MIN_TOLD = 0.5
 """Share of the motions that must lead over steps which say something, to be judged without the others."""
+FUSE_ABOVE = 2.0
+"""Factor of its sigmas from which a tracker's poses are fused with the measured motions first."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -131,7 +133,7 @@ class _Clocked:
             tracker = replace(
                 tracker, factors=noise_factors(recorded, tracker.steps(recorded), self.told)
             )
-            for d in _mended(Filled(recorded), self.motions, tracker, self.options)[1]:
+            for d in _mended(Filled(recorded), self.motions, tracker)[1]:
                 is_whole[[d.first - 1, min(d.last, len(is_whole) - 1)]] = False
         times = self.times.intervals
         return (
@@ -206,9 +208,8 @@ def judge_tracking(
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
     tracker = _Tracker(odometry, read_sigmas, (1.0, 1.0), timestamps, keyframe_idx)
-    if options.adapt_sigmas:
-        tracker = _adapted(tracker, read, lost, motions)
-    filled = _filled(read, lost, motions, tracker, options)
+    tracker = _adapted(tracker, read, lost, motions)
+    filled = _filled(read, lost, motions, tracker)
     poses, found, steps, doubtful = _corrected(filled, motions, tracker, options)
     displaced = [_described(read, poses, d) for d in found]
     return Tracking(
@@ -224,7 +225,7 @@ def judge_tracking(
         doubtful_steps=doubtful,
         open_steps=filled.open_steps,
         linked=filled.linked,
-        n_repeated=count_repeated(recorded, motions, options),
+        n_repeated=count_repeated(recorded, motions),
     )
 
 
@@ -234,12 +235,12 @@ def _corrected(
     """Poses with broken steps mended, what was mended, their steps, and steps that nothing tells surely."""
     poses, found = filled.poses, []
     if options.mend:
-        poses, found = _mended(filled, motions, tracker, options)
+        poses, found = _mended(filled, motions, tracker)
     steps = tracker.steps(poses, found, filled.sigmas)
     doubtful = filled.open_steps
     if options.mend:
-        doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions, options))
-    if max(tracker.factors) >= options.fuse_above:
+        doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions))
+    if max(tracker.factors) >= FUSE_ABOVE:
         poses = fuse(poses, steps, motions)
         steps = with_steps_of(steps, poses)
     return poses, found, steps, doubtful
@@ -280,7 +281,7 @@ def _lost_runs(
     options: TrackingOptions,
 ) -> tuple[LostRun, ...]:
     """Lost frames, where they are to be mended."""
-    return find_lost_runs(recorded, is_at_origin, motions, options) if options.mend else ()
+    return find_lost_runs(recorded, is_at_origin, motions) if options.mend else ()
 
 
 def _adapted(
@@ -296,13 +297,12 @@ def _filled(
     lost: Sequence[LostRun],
     motions: MeasuredMotions,
     tracker: _Tracker,
-    options: TrackingOptions,
 ) -> Filled:
     """Lost frames placed, by steps with the sigmas of this tracker."""
     if not lost:
         return Filled(read)
     usual = usual_of_known(read, ~void_steps(len(read), lost))
-    return fill_lost(read, lost, motions, tracker.steps(read), usual, options)
+    return fill_lost(read, lost, motions, tracker.steps(read), usual)
 
 
 def _convention(
@@ -353,14 +353,14 @@ def _is_of_clocks(clock: ClockOffset | None, frames: int, options: TrackingOptio
 
 
 def _mended(
-    filled: Filled, motions: MeasuredMotions, tracker: _Tracker, options: TrackingOptions
+    filled: Filled, motions: MeasuredMotions, tracker: _Tracker
 ) -> tuple[Poses, list[Displacement]]:
     """Poses with displaced frames put where measured motions say, the surest first."""
     poses, found = filled.poses, []
     most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
         steps = tracker.steps(poses, found, filled.sigmas)
-        displacement = find_displacement(poses, steps, motions, options)
+        displacement = find_displacement(poses, steps, motions)
         if displacement is None:
             return poses, found
         poses = poses.copy()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.errors import require_positive, require_share
+from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.scan.odometry import step_sizes
 from planfit.tracking.lost import REACH
@@ -23,6 +23,12 @@ VIEW_DISTANCE_M = 3.0
 """What a camera looks at is about so far away: by that, walking blurs an image as much as turning does."""
 UNTIMED_FPS = 30.0
 """Frames a second of a scan without times."""
+STEADIER_SHARE = 0.4
+"""Within this last share of the way to the next keyframe, the frame at which the camera moved most slowly
+is taken instead: its image is the least blurred."""
+MAX_MORE_SHARE = 0.5
+"""Where neighbouring keyframes do not match, frames between them are looked at too: at most so many, as a
+share of the keyframes. About jumps and lost frames all are."""
 MORE_PER_GAP = 7
 """Frames looked at besides between two keyframes where something is in doubt: a gap becomes eight."""
 
@@ -42,16 +48,9 @@ class KeyframeOptions:
     keyframes as well as all frames do (0.02 m on 7-Scenes' kitchen), 10 degrees half as well."""
     max_interval_s: float = 1.0
     """And one this much later, however slowly the camera moves."""
-    steadier_share: float = 0.4
-    """Within this last share of the way to the next keyframe, the frame at which the camera moved most slowly
-    is taken instead: its image is the least blurred. 0 takes the last."""
-    max_more_share: float = 0.5
-    """Where neighbouring keyframes do not match, frames between them are looked at too: at most so many, as a
-    share of the keyframes. About jumps and lost frames all are."""
 
     def __post_init__(self) -> None:
         require_positive(self, "max_step_m", "max_rotation_deg", "max_interval_s")
-        require_share(self, "steadier_share", "max_more_share")
 
 
 def choose_keyframes(
@@ -84,7 +83,7 @@ def choose_keyframes(
         # The next frame would go beyond: this one is the last that is near enough. Before a jump it is beyond
         # whichever is taken, until that is the last one.
         while last < i and (gone[:, i + 1] - gone[:, last]).max() > 1.0:
-            first = i - int(options.steadier_share * max(i - last - 1, 0))
+            first = i - int(STEADIER_SHARE * max(i - last - 1, 0))
             # The latest of equals.
             last = i - int(np.argmin(blur[first : i + 1][::-1]))
             chosen.append(last)
@@ -121,7 +120,6 @@ def frames_in_doubt(
     tracking: Tracking,
     keyframe_idx: Int[np.ndarray, " k"],
     is_bridged: Bool[np.ndarray, " g"],
-    options: KeyframeOptions,
 ) -> Int[np.ndarray, " m"]:
     """Frames between keyframes to be looked at too: about breaks, and where no neighbours match.
 
@@ -129,7 +127,6 @@ def frames_in_doubt(
         tracking: as judged by the keyframes.
         keyframe_idx: these, increasing.
         is_bridged: of each gap between two keyframes, whether a pair of matched frames spans it.
-        options: how many frames may be added.
     """
     n_between = np.diff(keyframe_idx) - 1
     broken = np.zeros(len(n_between), dtype=bool)
@@ -139,7 +136,7 @@ def frames_in_doubt(
         broken[max(first - 1, 0) : last + 1] = True
     broken |= _holds_any(tracking.doubtful_steps, keyframe_idx)
     unmatched = np.flatnonzero(~is_bridged & ~broken & (n_between > 0))
-    most = int(options.max_more_share * len(keyframe_idx)) // MORE_PER_GAP
+    most = int(MAX_MORE_SHARE * len(keyframe_idx)) // MORE_PER_GAP
     # The longest first: there most is to be won.
     unmatched = unmatched[np.argsort(-n_between[unmatched], kind="stable")][:most]
     added = [_within(keyframe_idx, int(k), None) for k in np.flatnonzero(broken)]

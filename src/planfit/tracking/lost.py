@@ -21,8 +21,7 @@ from planfit.scan.odometry import Odometry
 from planfit.tracking.breaks import is_far, isotropic
 from planfit.tracking.fuse import measured_term
 from planfit.tracking.lost_runs import LostRun
-from planfit.tracking.motions import MeasuredMotions
-from planfit.tracking.options import TrackingOptions
+from planfit.tracking.motions import MAX_SIGMAS, MeasuredMotions
 from planfit.tracking.types import TrackingBreak, size_of
 
 REACH = 8
@@ -108,7 +107,6 @@ def fill_lost(
     motions: MeasuredMotions,
     odometry: Odometry,
     usual: tuple[float, float],
-    options: TrackingOptions,
 ) -> Filled:
     """Place lost frames, and where the tracker did not know its place afterwards, all that follows.
 
@@ -120,11 +118,10 @@ def fill_lost(
         motions: measured between neighbouring frames.
         odometry: of the recorded poses, with sigmas that fit this tracker.
         usual: length (m) and angle (rad) of usual steps.
-        options: when a motion contradicts.
     """
     filled = Filled(recorded)
     for around in _neighbourhoods(recorded, lost, motions, odometry, usual):
-        filled = _fill(filled, recorded, around, usual, options)
+        filled = _fill(filled, recorded, around, usual)
     poses, anchor = filled.poses, _longest_part(len(recorded), lost)
     if not np.array_equal(poses[anchor], recorded[anchor]):
         poses = recorded[anchor] @ se3.inverse(poses[anchor]) @ poses
@@ -174,10 +171,9 @@ def _fill(
     recorded: Poses,
     around: _Around,
     usual: tuple[float, float],
-    options: TrackingOptions,
 ) -> Filled:
     """The lost frames of one neighbourhood placed; what was tracked afterwards follows."""
-    links = _believed_links(recorded, around, usual, options)
+    links = _believed_links(recorded, around, usual)
     local, _ = _solve(around, links)
     poses, start = filled.poses.copy(), _first_known(around)
     has_link = {link.pair[1] for link in links}
@@ -199,7 +195,7 @@ def _fill(
 
 
 def _believed_links(
-    recorded: Poses, around: _Around, usual: tuple[float, float], options: TrackingOptions
+    recorded: Poses, around: _Around, usual: tuple[float, float]
 ) -> list[_Link]:
     """Recorded motions over lost runs that no measured motions contradict."""
     links: list[_Link] = []
@@ -222,14 +218,12 @@ def _believed_links(
         rotation, translation = (FOUND_AGAIN * np.sqrt(n_steps) * s for s in usual_sigmas)
         swing = rotation * n_steps * usual[0] / np.sqrt(3.0)
         link = _Link((before, after), link_motion, (rotation, float(np.hypot(translation, swing))))
-        if not _is_contradicted(around, links, link, options):
+        if not _is_contradicted(around, links, link):
             links.append(link)
     return links
 
 
-def _is_contradicted(
-    around: _Around, links: Sequence[_Link], link: _Link, options: TrackingOptions
-) -> bool:
+def _is_contradicted(around: _Around, links: Sequence[_Link], link: _Link) -> bool:
     """Whether measured motions lead over the run, and elsewhere than recorded."""
     motion, rotation, translation = _graph(around, links, NOWHERE).most_certain_path(
         np.array([link.pair])
@@ -240,11 +234,11 @@ def _is_contradicted(
     length, angle = size_of(departure)
     sigmas = np.hypot(link.sigma[0], rotation[0]), np.hypot(link.sigma[1], translation[0])
     squared = (np.deg2rad(angle) / sigmas[0]) ** 2 + (length / sigmas[1]) ** 2
-    if squared < options.max_sigmas**2 or not is_far(length, angle, options):
+    if squared < MAX_SIGMAS**2 or not is_far(length, angle):
         return False
     # One path may rest on one false motion: all motions together decide.
     with_link, without = (_solve(around, [*links, *own])[1] for own in ([link], []))
-    return with_link - without > options.max_sigmas**2 / 2
+    return with_link - without > MAX_SIGMAS**2 / 2
 
 
 def _graph(around: _Around, links: Sequence[_Link], void_sigma: float | None = None) -> LoopGraph:

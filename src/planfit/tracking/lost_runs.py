@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.scan.odometry import LONG, times_usual, usual_step
-from planfit.tracking.motions import MeasuredMotions, squared_sigmas
-from planfit.tracking.options import TrackingOptions
+from planfit.tracking.motions import MAX_SIGMAS, MIN_MATCHES_ALONE, MeasuredMotions, squared_sigmas
 
 SAME = 1e-9
 """Poses of a camera that is only held still differ by more."""
@@ -44,7 +43,6 @@ def find_lost_runs(
     recorded: Poses,
     is_at_origin: Bool[np.ndarray, " n"],
     motions: MeasuredMotions,
-    options: TrackingOptions,
 ) -> tuple[LostRun, ...]:
     """Runs of lost frames, in their order; none where more than half of the frames would be lost.
 
@@ -52,18 +50,17 @@ def find_lost_runs(
         recorded: poses.
         is_at_origin: whether a pose is the identity, as it stood in the file.
         motions: measured between neighbouring frames.
-        options: when measured motions contradict recorded ones.
     """
     is_same = stands_still(recorded)
     usual, found = usual_of_known(recorded, ~is_same), []
     for first, last in runs(is_at_origin):
-        found += _identity_run(recorded, (first, last), motions, usual, options)
+        found += _identity_run(recorded, (first, last), motions, usual)
     for first, before_last in runs(is_same & ~is_at_origin[:-1]):
         last = before_last + 1
         inside = motions[(motions.pairs[:, 0] >= first) & (motions.pairs[:, 1] <= last)]
-        if last - first + 1 < MIN_FRAMES or not moves(inside, options):
+        if last - first + 1 < MIN_FRAMES or not moves(inside):
             continue
-        goes_on = _goes_on(recorded, last, +1, motions, usual, options)
+        goes_on = _goes_on(recorded, last, +1, motions, usual)
         # The pose that is repeated was right when it was first recorded.
         found.append(LostRun("frozen", first + 1, last - goes_on, not goes_on))
     n_lost = sum(run.last - run.first + 1 for run in found)
@@ -77,13 +74,13 @@ def stands_still(recorded: Poses) -> Bool[np.ndarray, " s"]:
     return np.abs(np.diff(recorded, axis=0)).max(axis=(1, 2)) < SAME
 
 
-def count_repeated(recorded: Poses, motions: MeasuredMotions, options: TrackingOptions) -> int:
+def count_repeated(recorded: Poses, motions: MeasuredMotions) -> int:
     """How many frames repeat the pose before though the images move, where these are too many to be lost."""
     is_same = stands_still(recorded)
     n_steps = np.concatenate([[0], np.cumsum(~is_same)])
     still = motions[np.flatnonzero(n_steps[motions.pairs[:, 0]] == n_steps[motions.pairs[:, 1]])]
     is_most = len(is_same) > 0 and is_same.mean() > MAX_SHARE
-    return int(is_same.sum()) if is_most and moves(still, options) else 0
+    return int(is_same.sum()) if is_most and moves(still) else 0
 
 
 def is_identity(poses: Poses) -> Bool[np.ndarray, " n"]:
@@ -96,12 +93,12 @@ def usual_of_known(recorded: Poses, is_known: Bool[np.ndarray, " s"]) -> tuple[f
     return usual_step((se3.inverse(recorded[:-1]) @ recorded[1:])[is_known], LEAST_STEP)
 
 
-def moves(motions: MeasuredMotions, options: TrackingOptions) -> bool:
+def moves(motions: MeasuredMotions) -> bool:
     """Whether measured motions say that the camera did not stand still."""
     still = np.tile(np.eye(4), (len(motions), 1, 1))
     squared = squared_sigmas(se3.difference(motions.a_from_b, still), motions.covariance)
-    n_inliers = motions.n_inliers[squared > options.max_sigmas**2]
-    return len(n_inliers) >= 2 or bool((n_inliers >= options.min_matches_alone).any())
+    n_inliers = motions.n_inliers[squared > MAX_SIGMAS**2]
+    return len(n_inliers) >= 2 or bool((n_inliers >= MIN_MATCHES_ALONE).any())
 
 
 def runs(holds: Bool[np.ndarray, " k"]) -> list[tuple[int, int]]:
@@ -116,17 +113,16 @@ def _identity_run(
     run: tuple[int, int],
     motions: MeasuredMotions,
     usual: tuple[float, float],
-    options: TrackingOptions,
 ) -> list[LostRun]:
     """A run of identities as lost frames; nothing where the camera stood at the origin.
 
     A recording mostly begins at the origin, and may come back: there, motions onto or off it are right.
     """
     first, last = run
-    came = first > 0 and _goes_on(recorded, first, -1, motions, usual, options)
-    goes_on = last < len(recorded) - 1 and _goes_on(recorded, last, +1, motions, usual, options)
+    came = first > 0 and _goes_on(recorded, first, -1, motions, usual)
+    goes_on = last < len(recorded) - 1 and _goes_on(recorded, last, +1, motions, usual)
     inside = motions[(motions.pairs[:, 0] >= first) & (motions.pairs[:, 1] <= last)]
-    is_still = not moves(inside, options)
+    is_still = not moves(inside)
     at_start = first == 0 and not len(_ends_at(motions, last, +1))
     if (is_still and (came or goes_on or at_start)) or (came and goes_on and first == last):
         return []
@@ -140,7 +136,6 @@ def _goes_on(
     way: int,
     motions: MeasuredMotions,
     usual: tuple[float, float],
-    options: TrackingOptions,
 ) -> bool:
     """Whether the recorded motion off a frame is right, onwards (way 1) or back (-1).
 
@@ -155,7 +150,7 @@ def _goes_on(
     i, j = of.pairs.T
     residual = se3.difference(of.a_from_b, se3.inverse(recorded[i]) @ recorded[j])
     # A tracker errs too: twice the sigmas of the measurement alone.
-    return bool(np.median(squared_sigmas(residual, 4 * of.covariance)) < options.max_sigmas**2)
+    return bool(np.median(squared_sigmas(residual, 4 * of.covariance)) < MAX_SIGMAS**2)
 
 
 def _ends_at(motions: MeasuredMotions, frame: int, way: int) -> Int[np.ndarray, " k"]:

@@ -17,6 +17,10 @@ depth and of the clock. With it, motions of ConSLAM depart from true ones by 1.2
 numbers and 2.5 in the ninth decile, where 2.3 and 3.3 would be exact."""
 FLOOR_DEG, FLOOR_M = 0.1, 0.01
 """No measured motion is surer than this, each axis: exposure takes its time, and clocks differ."""
+MAX_SIGMAS = 6.0
+"""Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
+MIN_MATCHES_ALONE = 50
+"""A measured motion that no other one confirms needs as many matches to correct a step."""
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,24 @@ from planfit.scan.odometry import (
     times_usual,
     usual_step,
 )
-from planfit.tracking.breaks import Votes, consensus, is_far, is_large, isotropic, votes_on
+from planfit.tracking.breaks import (
+    MIN_JUMP_DEG,
+    MIN_JUMP_M,
+    Votes,
+    consensus,
+    is_far,
+    is_large,
+    isotropic,
+    votes_on,
+)
 from planfit.tracking.motions import (
+    MAX_SIGMAS,
     MeasuredMotions,
     departures,
     expected_covariance,
     measured_motions,
     squared_sigmas,
 )
-from planfit.tracking.options import TrackingOptions
 from planfit.tracking.types import (
     Tracking,
     TrackingBreak,
@@ -63,9 +72,9 @@ class _Placed:
     sigma: tuple[float, float]
     """The largest of the displacements, of rotation (rad) and translation (m), each axis."""
 
-    def is_beyond(self, way_m: float, angle_deg: float, options: TrackingOptions) -> bool:
+    def is_beyond(self, way_m: float, angle_deg: float) -> bool:
         """Whether two groups stand otherwise to each other by more than their places are unsure."""
-        rotation, translation = (options.max_sigmas * sigma for sigma in self.sigma)
+        rotation, translation = (MAX_SIGMAS * sigma for sigma in self.sigma)
         return way_m > translation or angle_deg > np.rad2deg(rotation)
 
 
@@ -87,20 +96,19 @@ def find_doubtful(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
     motions: MeasuredMotions,
-    options: TrackingOptions,
 ) -> Int[np.ndarray, " d"]:
     """Steps (frame i to i + 1) that no measured motion confirms and that are unusually long."""
     squared = squared_sigmas(
         departures(motions, world_from_cams), expected_covariance(motions, odometry)
     )
     n_steps = len(world_from_cams) - 1
-    is_confirmed = spanned_steps(motions.pairs[squared < options.max_sigmas**2], n_steps)
+    is_confirmed = spanned_steps(motions.pairs[squared < MAX_SIGMAS**2], n_steps)
     length, angle = step_sizes(odometry.cam_from_next)
     is_long = np.zeros(n_steps, dtype=bool)
     if n_steps and is_confirmed.any():
         for size, least in (
-            (length, options.min_jump_m),
-            (angle, np.deg2rad(options.min_jump_deg)),
+            (length, MIN_JUMP_M),
+            (angle, np.deg2rad(MIN_JUMP_DEG)),
         ):
             is_long |= size > max(LONG * float(np.quantile(size[is_confirmed], USUAL_SHARE)), least)
     return np.flatnonzero(is_long & ~is_confirmed)
@@ -128,16 +136,13 @@ def with_open_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometr
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
-def place_submaps(
-    tracking: Tracking, matches: Matches, verify: VerifyOptions, options: TrackingOptions
-) -> Tracking:
+def place_submaps(tracking: Tracking, matches: Matches, verify: VerifyOptions) -> Tracking:
     """Decide the doubtful steps of a trajectory by revisits that were matched with them open.
 
     Args:
         tracking: as judged by neighbouring frames.
         matches: of the whole scan, found with `with_open_steps`.
         verify: how exact matched points are.
-        options: what a jump is.
     """
     n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps
     group = submaps_of(n, doubtful, tracking.linked)
@@ -146,13 +151,13 @@ def place_submaps(
     placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
     revisits = motions_between(matches, group, verify)
     while True:
-        merged = _merge_surest(placed, revisits, inside, tracking, options)
+        merged = _merge_surest(placed, revisits, inside, tracking)
         if merged is None:
             break
         placed = merged
     found = replace(tracking, doubtful_steps=np.zeros(0, dtype=int))
     if placed.is_moved or len(tracking.open_steps):
-        found = _with_placed(tracking, _chained(tracking, placed), placed, options)
+        found = _with_placed(tracking, _chained(tracking, placed), placed)
     is_undecided = placed.group[doubtful] != placed.group[doubtful + 1]
     return replace(found, undecided_steps=np.setdiff1d(doubtful[is_undecided], found.open_steps))
 
@@ -188,7 +193,6 @@ def _merge_surest(
     revisits: MeasuredMotions,
     odometry: Odometry,
     tracking: Tracking,
-    options: TrackingOptions,
 ) -> _Placed | None:
     """The two groups that most revisits agree on, put together; None where none are left.
 
@@ -205,7 +209,7 @@ def _merge_surest(
         votes = votes_on(placed.poses, revisits[of], covariance[of], placed.group == second)
         merges += [
             merge
-            for merge in _merge(votes, first, second, options)
+            for merge in _merge(votes, first, second)
             if merge.stays or not _leaps(placed, merge, tracking)
         ]
     if not merges:
@@ -235,18 +239,18 @@ def _leaps(placed: _Placed, merge: _Merge, tracking: Tracking) -> bool:
     return bool(leaps(told, recorded[between], usual_step(recorded)[0]).any())
 
 
-def _merge(votes: Votes, first: int, second: int, options: TrackingOptions) -> list[_Merge]:
+def _merge(votes: Votes, first: int, second: int) -> list[_Merge]:
     """How revisits between two groups would put the second one; nothing where too few agree."""
-    found = consensus(votes, np.arange(len(votes.displaced)), options.max_sigmas)
+    found = consensus(votes, np.arange(len(votes.displaced)), MAX_SIGMAS)
     if found is None:
         return []
     displaced, covariance = found
-    agrees = votes.cost(displaced) < options.max_sigmas**2
+    agrees = votes.cost(displaced) < MAX_SIGMAS**2
     if agrees.sum() < MIN_VOTES:
         return []
     # Drift between the ends is shared by all votes, and no jump where it explains each of them.
-    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < options.max_sigmas**2)
-    stays = is_drift or not is_large(displaced, votes.pivot, options)
+    is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < MAX_SIGMAS**2)
+    stays = is_drift or not is_large(displaced, votes.pivot)
     return [_Merge(first, second, int(agrees.sum()), displaced, isotropic(covariance), stays)]
 
 
@@ -268,9 +272,7 @@ def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
     return recorded[0] @ se3.inverse(poses[0]) @ poses
 
 
-def _with_placed(
-    tracking: Tracking, poses: np.ndarray, placed: _Placed, options: TrackingOptions
-) -> Tracking:
+def _with_placed(tracking: Tracking, poses: np.ndarray, placed: _Placed) -> Tracking:
     """The tracking with the steps that were placed otherwise than recorded."""
     odometry, doubtful = tracking.odometry, tracking.doubtful_steps
     steps = odometry.cam_from_next.copy()
@@ -280,13 +282,13 @@ def _with_placed(
     is_open = np.isin(doubtful, tracking.open_steps)
     sizes = [size_of(se3.inverse(odometry.cam_from_next[s]) @ _step(poses, s)) for s in changed]
     # Groups that were placed one by one stand a little otherwise to each other than recorded: no jump.
-    is_jump = np.array([is_far(*size, options) for size in sizes], dtype=bool)
+    is_jump = np.array([is_far(*size) for size in sizes], dtype=bool)
     is_jump &= ~np.isin(changed, tracking.open_steps)
     jumps = changed[is_jump]
     # A group that no revisit placed may belong to the one before as well as to the one after; about lost
     # frames nothing is known that could be contradicted.
     is_unsure = (placed.n_votes[changed] == 0) | (placed.n_votes[changed + 1] == 0)
-    is_beyond = np.array([placed.is_beyond(*size, options) for size in sizes], dtype=bool)
+    is_beyond = np.array([placed.is_beyond(*size) for size in sizes], dtype=bool)
     if np.any(is_jump & is_unsure & is_beyond):
         return _unplaced(tracking, changed)
     is_found = placed.group[doubtful] == placed.group[doubtful + 1]

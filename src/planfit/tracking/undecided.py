@@ -14,8 +14,7 @@ from planfit.matching import Matches
 from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import times_usual, usual_step
 from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
-from planfit.tracking.motions import expected_covariance
-from planfit.tracking.options import TrackingOptions
+from planfit.tracking.motions import MAX_SIGMAS, expected_covariance
 from planfit.tracking.submaps import MIN_VOTES, motions_between
 from planfit.tracking.types import Tracking, describe_jump
 
@@ -33,7 +32,7 @@ class JumpHypothesis:
 
 
 def jump_hypotheses(
-    tracking: Tracking, matches: Matches, verify: VerifyOptions, options: TrackingOptions
+    tracking: Tracking, matches: Matches, verify: VerifyOptions
 ) -> tuple[JumpHypothesis, ...]:
     """One hypothesis for each undecided step over which revisits ask for a jump.
 
@@ -41,11 +40,10 @@ def jump_hypotheses(
         tracking: as judged, undecided steps as recorded.
         matches: of the whole scan.
         verify: how exact matched points are.
-        options: what a jump is.
     """
     usual = usual_step(tracking.odometry.cam_from_next)
     found = (
-        _with_jump_at(int(step), tracking, matches, verify, options, usual)
+        _with_jump_at(int(step), tracking, matches, verify, usual)
         for step in tracking.undecided_steps
     )
     return tuple(each for each in found if each is not None)
@@ -56,7 +54,6 @@ def _with_jump_at(
     tracking: Tracking,
     matches: Matches,
     verify: VerifyOptions,
-    options: TrackingOptions,
     usual: tuple[float, float],
 ) -> JumpHypothesis | None:
     poses, odometry = tracking.world_from_cams, tracking.odometry
@@ -65,8 +62,8 @@ def _with_jump_at(
     if len(motions) < MIN_VOTES:
         return None
     votes = votes_on(poses, motions, expected_covariance(motions, odometry), is_after)
-    agreed = consensus(votes, np.arange(len(motions)), options.max_sigmas)
-    if agreed is None or not is_large(agreed[0], votes.pivot, options):
+    agreed = consensus(votes, np.arange(len(motions)), MAX_SIGMAS)
+    if agreed is None or not is_large(agreed[0], votes.pivot):
         return None
     displaced, covariance = agreed
     moved = poses.copy()
@@ -79,7 +76,7 @@ def _with_jump_at(
     size = se3.inverse(odometry.cam_from_next[step]) @ steps[step]
     sigmas[0][step] = max(rotation, float(se3.rotation_angle(size[:3, :3])))
     sigmas[1][step] = max(translation, float(np.linalg.norm(size[:3, 3])))
-    agrees = votes.cost(displaced) < options.max_sigmas**2
+    agrees = votes.cost(displaced) < MAX_SIGMAS**2
     told = describe_jump(
         tracking.recorded_world_from_cams, moved, step, int(agrees.sum()), "revisits and the plan"
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from planfit.errors import require_positive, require_share
+from planfit.errors import require_positive
 
 
 @dataclass(frozen=True)
@@ -39,46 +39,11 @@ class CalibrationOptions:
     an offset of depth."""
     min_sigmas: float = 3.0
     """A parameter is kept where it departs by so many of its standard deviations, the others free."""
-    min_gain_share: float = 0.004
-    """The cost has to fall by this share of itself for each parameter kept (but for the depth's scale).
-    Without fault, a parameter alone is worth up to 0.003 on a synthetic flat; 2 % of the focal length 0.005
-    (ConSLAM) to 0.1, 5 cm of depth 0.1, 0.01 z^2 0.2."""
-    max_prior_sigmas: float = 3.0
-    """A departure by more of its prior standard deviations is no calibration: nothing is corrected, and it is
-    said. In 7-Scenes' kitchen the principal point would be 17 px off in every part of the walk: colour and
-    depth are not registered well there, and correcting both for it takes the error from 0.023 to 0.040 m."""
-    min_scale: float = 0.01
-    """Scales of depth and focal lengths are left alone below this departure: what calibrations and
-    interpolated depth do anyway."""
-    min_offset_m: float = 0.015
-    """Likewise the depth's offset."""
-    min_quadratic_per_m: float = 0.002
-    """Likewise the depth's quadratic part."""
-    min_principal: float = 0.005
-    """Likewise the principal point."""
     max_rounds: int = 4
     """Solves of all poses at most, a step of the parameters after each."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "min_sigmas", "max_prior_sigmas", "max_rounds")
-        require_share(self, "min_gain_share")
-
-    @property
-    def smallest(self) -> Float[np.ndarray, " s"]:
-        """Departures that are kept, at least, in the order of `SHARED`."""
-        depth = (self.min_scale, self.min_offset_m, self.min_quadratic_per_m)
-        return np.array(
-            [
-                *depth,
-                self.min_scale,
-                self.min_scale,
-                self.min_principal,
-                self.min_principal,
-                0.0,
-                0.0,
-                0.0,
-            ]
-        )
+        require_positive(self, "min_sigmas", "max_rounds")
 
     @property
     def sigmas(self) -> Float[np.ndarray, " s"]:

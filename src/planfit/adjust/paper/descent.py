@@ -26,6 +26,10 @@ from planfit.segmentation import Structure
 
 _SMALL_ANGLE_SQ = 1e-8
 _BLOCK = 16
+LATE_LEARNING_RATE = 1e-4
+"""Metres or radians a step for a slope of one, once `DescentOptions.drop_after_steps` are taken."""
+MOMENTUM = 0.9
+"""Share of the last step that the next one keeps, from the code of the paper's authors."""
 
 
 @dataclass(frozen=True)
@@ -50,28 +54,20 @@ class DescentOptions:
 
     learning_rate: float = 1e-3
     """Metres or radians a step for a slope of one."""
-    late_learning_rate: float = 1e-4
-    """The same after `drop_after_steps`."""
     drop_after_steps: int = 20_000
-    """Steps at the first learning rate. Until they are taken, a loss that no longer changes ends nothing."""
-    momentum: float = 0.9
-    """Share of the last step that the next one keeps."""
+    """Steps at the first learning rate, before `LATE_LEARNING_RATE`. Until they are taken, a loss that no
+    longer changes ends nothing."""
     tolerance: float = 1e-5
     """Ends when a step at the late learning rate changes the loss by less than this (m); 0 never ends it."""
-    check_every_steps: int = 1
-    """Steps between the two losses compared; 1 is to the letter."""
     max_steps: int = 25_000
     """Steps at most."""
     record_every_steps: int = 100
     """Steps between records of loss and time."""
-    is_first_frame_fixed: bool = False
-    """Hold the first frame where it is. Needed where floor and walls leave the gauge free."""
     dtype: Literal["float32", "float64"] = "float64"
     """Precision of the descent."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "learning_rate", "late_learning_rate")
-        require_positive(self, "check_every_steps", "record_every_steps")
+        require_positive(self, "learning_rate", "record_every_steps")
 
 
 class DescentStop(Enum):
@@ -125,24 +121,22 @@ def descend(
     inputs = (matches, structure, floorplan, association)
     cost = _PaperCost(torch, inputs, initial_target_from_cams, weights, options.dtype)
     n = len(initial_target_from_cams)
-    n_fixed = 1 if options.is_first_frame_fixed else 0
-    held = torch.zeros((n_fixed, 6), dtype=cost.dtype)
-    delta = torch.zeros((n - n_fixed, 6), dtype=cost.dtype, requires_grad=True)
-    optimiser = torch.optim.SGD([delta], lr=options.learning_rate, momentum=options.momentum)
+    delta = torch.zeros((n, 6), dtype=cost.dtype, requires_grad=True)
+    optimiser = torch.optim.SGD([delta], lr=options.learning_rate, momentum=MOMENTUM)
     while True:
         optimiser.zero_grad()
-        loss = cost.loss(torch.cat([held, delta]))
+        loss = cost.loss(delta)
         stop = watch.look(step, float(loss.detach()))
         if stop is not None:
             break
         if step == options.drop_after_steps:
-            optimiser.param_groups[0]["lr"] = options.late_learning_rate
+            optimiser.param_groups[0]["lr"] = LATE_LEARNING_RATE
         loss.backward()
         optimiser.step()
         step += 1
     poses = initial_target_from_cams
     if stop is not DescentStop.DIVERGED:
-        moved = torch.cat([held, delta.detach()]).double().numpy()
+        moved = delta.detach().double().numpy()
         poses = se3.retract(initial_target_from_cams, moved)
     steps, loss_m, elapsed_s = (np.array(column) for column in zip(*watch.records, strict=True))
     return Descent(poses, stop, steps, loss_m, elapsed_s)
@@ -165,8 +159,7 @@ class _Watch:
             stop = DescentStop.DIVERGED
         else:
             # The first losses compared are those before and after the first step at the late rate.
-            late_steps = step - o.drop_after_steps
-            if late_steps >= 0 and late_steps % o.check_every_steps == 0:
+            if step >= o.drop_after_steps:
                 stop = DescentStop.TOLERANCE if abs(self._checked - value) < o.tolerance else None
                 self._checked = value
         if stop is None and step >= o.max_steps:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.lsq.residual_term import ResidualTerm
@@ -18,6 +17,10 @@ from planfit.lsq.robust import Loss, LossKind
 from planfit.runtime import short_repr
 
 NAME = "control points"
+
+
+MAX_OBSERVATIONS = 5.0
+"""Effective observations that all marks of a point are worth at most."""
 
 
 @dataclass(frozen=True)
@@ -28,11 +31,6 @@ class ControlOptions:
     """Factor on the term; 0 switches it off."""
     loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 3.0))
     """Robust loss of the distance in sigmas: a mark on the wrong corner, a point written wrongly."""
-    max_observations: float = 5.0
-    """Effective observations that all marks of a point are worth at most."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_observations")
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def control_term(marks: ControlMarks, options: ControlOptions) -> ResidualTerm |
     return ResidualTerm(
         marks.pose_idx[:, None],
         residual,
-        sigma=(marks.sigma_m * _shared(marks.point_idx, options.max_observations))[:, None],
+        sigma=(marks.sigma_m * _shared(marks.point_idx, MAX_OBSERVATIONS))[:, None],
         loss=options.loss,
         jacobian=jacobian,
         weight=options.weight,

@@ -30,6 +30,10 @@ from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.matching import Matches
 
+PARALLEL_DEG = 0.3
+"""Angle between rays at which half the squared distance counts; well above it all, below it
+nothing: directions are known to about a pixel, 0.1 deg."""
+
 
 @dataclass(frozen=True)
 class RayOptions:
@@ -41,12 +45,9 @@ class RayOptions:
     """Robust loss of the distance in sigmas, those of the lifted match (`Matches.sigma`)."""
     max_observations: float = 20.0
     """Effective observations that a pair's matches are worth at most."""
-    parallel_deg: float = 0.3
-    """Angle between rays at which half the squared distance counts; well above it all, below it
-    nothing: directions are known to about a pixel, 0.1 deg."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "max_observations", "parallel_deg")
+        require_positive(self, "max_observations")
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class RayTerm:
         """Directions of the matches."""
         m = self.matches
         rays = [_unit(points) for points in (m.points_a, m.points_b)]
-        parallel_sq = float(np.sin(np.deg2rad(self.options.parallel_deg)) ** 2)
+        parallel_sq = float(np.sin(np.deg2rad(PARALLEL_DEG)) ** 2)
         return RayPairs(m.pairs, m.start, rays[0], rays[1], parallel_sq)
 
     def with_wider_loss(self, factor: float) -> "RayTerm":

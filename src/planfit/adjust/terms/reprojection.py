@@ -19,6 +19,11 @@ from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_
 from planfit.lsq.robust import Loss, LossKind, loss_value
 from planfit.matching import Matches
 
+MIN_DEPTH_M = 0.1
+"""A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
+its projection is meaningless. It costs as much as one that is off by the image's diagonal, so that
+nothing is gained by turning away."""
+
 
 @dataclass(frozen=True)
 class ReprojectionOptions:
@@ -32,13 +37,9 @@ class ReprojectionOptions:
     """Robust loss of the error in sigmas, of each way on its own."""
     max_observations: float = 20.0
     """Effective observations that a pair's matches are worth at most; the two ways share one."""
-    min_depth_m: float = 0.1
-    """A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
-    its projection is meaningless. It costs as much as one that is off by the image's diagonal, so that
-    nothing is gained by turning away."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "sigma_px", "max_observations", "min_depth_m")
+        require_positive(self, "sigma_px", "max_observations")
 
 
 @dataclass(frozen=True)
@@ -114,7 +115,7 @@ class ReprojectionTerm:
             np.concatenate([m.points_b, m.points_a]).astype(float),
             np.array(focals, dtype=float).reshape(-1, 2),
             np.array(diagonals, dtype=float),
-            self.options.min_depth_m,
+            MIN_DEPTH_M,
         )
 
     def with_wider_loss(self, factor: float) -> "ReprojectionTerm":

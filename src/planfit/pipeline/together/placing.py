@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
+from planfit.alignment.selection import MIN_SCORE
 from planfit.errors import FloorplanError
 from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
@@ -135,7 +136,7 @@ def place_groups(
     for group in by_size:
         own = _own_options(options, has_first=0 in group.members)
         found = _align_group(observed, group, seen, verified, plan, own, runtime, timer)
-        doubt = _doubt(found, own)
+        doubt = _doubt(found)
         if doubt is not None:
             unsure |= dict.fromkeys(group.members, (UNLINKED, doubt))
             continue
@@ -208,13 +209,13 @@ def _align_group(
         return error
 
 
-def _doubt(found: ScanOnPlan | FloorplanError, options: RefineOptions) -> Finding | None:
+def _doubt(found: ScanOnPlan | FloorplanError) -> Finding | None:
     """Why the plan does not say where a group is; None where it does."""
     if isinstance(found, FloorplanError):
         return Finding(SurveyKind.SCAN_OFF_PLAN, {"error": str(found)})
     if found.alignment is None:
         return Finding(SurveyKind.SCAN_WITHOUT_WALLS)
-    if found.alignment.score < options.align.min_score:
+    if found.alignment.score < MIN_SCORE:
         return Finding(SurveyKind.SCAN_ON_OTHER_PLAN, {"wall_share": found.alignment.score})
     if not found.alignment.is_sure:
         return Finding(SurveyKind.SCAN_IN_MANY_PLACES)
