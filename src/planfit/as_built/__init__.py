@@ -4,9 +4,9 @@
 from planfit.as_built.compare import compare_as_built, judge_walls
 from planfit.as_built.deviations import Deviation, deviations
 from planfit.as_built.openings import (
+    SURE_SIGMAS,
     AsBuiltOpening,
     ClosedBy,
-    OpeningOptions,
     OpeningVerdict,
     counted_openings,
     opening_title,
@@ -18,13 +18,13 @@ from planfit.as_built.words import in_words, title
 
 __all__ = [
     "AS_BUILT",
+    "SURE_SIGMAS",
     "AsBuilt",
     "AsBuiltOpening",
     "AsBuiltOptions",
     "AsBuiltWall",
     "ClosedBy",
     "Deviation",
-    "OpeningOptions",
     "OpeningVerdict",
     "Verdict",
     "compare_as_built",

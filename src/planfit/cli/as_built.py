@@ -36,7 +36,7 @@ def export_as_built(folder: Path, target: Path, tolerance_m: float | None) -> in
     counts = counted(as_built.verdicts(tolerance_m))
     words = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
     if as_built.openings:
-        counts = counted_openings(as_built.openings, as_built.options.openings)
+        counts = counted_openings(as_built.openings)
         listed = ", ".join(f"{count} {verdict.value}" for verdict, count in counts.items() if count)
         words += f"; openings: {listed}"
     out.print(f"written: {target}, {words}", soft_wrap=True)
