@@ -206,7 +206,7 @@ def test_evaluate_reads_a_scan_by_the_flags_of_refine(
 @pytest.mark.slow
 def test_evaluate_against_a_true_scan(finished: Path, small_scan: Path, capsys) -> None:
     cloud = finished / "cloud_after.ply"
-    words = (finished, "--true-cloud", cloud, "--map.frame-step", 4, "--map.mom-frames", 1)
+    words = (finished, "--true-cloud", cloud, "--map.frame-step", 4)
     report = evaluated(capsys, *words, "--truth-frame", "plan")
     nnd = report["metrics"]["nnd"]
     assert nnd["after"] < 3.0  # the same points, thinned otherwise

@@ -16,8 +16,6 @@ from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
 from planfit.evaluation.evaluate import evaluate as evaluate
-from planfit.evaluation.free_space import FreeSpaceOptions as FreeSpaceOptions
-from planfit.evaluation.layers import LayerOptions as LayerOptions
 from planfit.evaluation.layers import Layers as Layers
 from planfit.evaluation.layers import wall_layers as wall_layers
 from planfit.evaluation.map_quality import MapQuality as MapQuality

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import require, require_plain_numbers, require_positive
-from planfit.evaluation.layers import LayerOptions
 from planfit.evaluation.metrics import (
     Metric,
     Truth,
@@ -41,8 +40,6 @@ class EvaluateOptions(Changeable):
     """Take the metrics that read every depth map: MME, MPV, MOM, NND."""
     map: MapOptions = field(default_factory=MapOptions)
     """The points that MME, MPV, MOM and NND are taken of."""
-    layers: LayerOptions = field(default_factory=LayerOptions)
-    """When a wall counts as seen twice."""
 
     def __post_init__(self) -> None:
         require_kinds(self)
@@ -137,7 +134,7 @@ def evaluate(
     runtime.report("walls and floor", 0, 0)
     on_plan = compared.plan_from_cams
     metrics += surface_metrics(compared.structure, compared.floorplan, *on_plan, runtime.workers)
-    metrics += layer_metrics(compared.structure.walls, *on_plan, options.layers)
+    metrics += layer_metrics(compared.structure.walls, *on_plan)
     runtime.report("walls and floor", 1, 0)
     if options.depth_maps:
         cloud = truth.cloud if truth is not None else None
