@@ -57,7 +57,7 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     record = json.loads((finished / "run.json").read_text())
     assert record["frames"] == 60
     assert record["inputs"]["scan"] == str(small_scan.resolve())
-    assert record["options"]["matching"]["verify"]["min_inliers"] == 15
+    assert record["options"]["matching"]["keypoints"]["max_per_frame"] == 1500
     assert record["verdict"]["outcome"] == "refined"
     assert len(record["verdict"]["predicted_error_m"]) == 60
     terms = {"points", "surfaces", "floor", "odometry", "ceiling", "walls"}

@@ -8,7 +8,6 @@ from measured_walk import LAP, displaced, measure, three_laps
 
 from builders import make_matches
 from planfit.geometry import se3
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions, usual_step
 from planfit.tracking import (
     TrackingOptions,
@@ -44,7 +43,7 @@ def revisits(poses, rng, at):
 
 
 def placed(tracking, matches):
-    return place_submaps(tracking, matches, VerifyOptions(), TrackingOptions())
+    return place_submaps(tracking, matches, TrackingOptions())
 
 
 def test_only_long_steps_that_nothing_confirms_are_doubtful(laps, rng):

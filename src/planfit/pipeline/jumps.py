@@ -136,7 +136,7 @@ def _tried_with_jumps(
     seen, torn = calibrated.observations, len(calibrated.prepared.torn_steps)
     assert seen.tracking is not None
     hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(
-        seen.tracking, seen.matches, options.matching.verify, options.tracking
+        seen.tracking, seen.matches, options.tracking
     )
     for each in hypotheses:
         prepared = _prepared(scan, calibrated, each.tracking, options)

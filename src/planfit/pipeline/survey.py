@@ -90,8 +90,7 @@ def observe_survey(
         )
     placed = place_points(survey, floorplan)
     frames = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
-    verify = options.matching.verify
-    marks = find_marks(scan, survey, frames, lambda depth: point_sigma(depth, verify), runtime)
+    marks = find_marks(scan, survey, frames, point_sigma, runtime)
     surveyed = SurveyedScan(survey, marks, placed)
     if not survey.is_check.all() and options.adjust.control.weight <= 0:
         raise OptionError(
