@@ -31,6 +31,7 @@ from as_built_cases import (
 
 import planfit
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, compare_as_built
+from planfit.as_built.wall_offsets import MIN_LENGTH_M
 from planfit.geometry import segments
 from planfit.runtime import Runtime
 
@@ -97,7 +98,7 @@ def _undrawn(seed: int, case: Case, views: Views, found: AsBuilt) -> Iterator[Ju
     for face in case.undrawn:
         ends, normal = case.built.ends[face], case.built.normals[face]
         seen = seen_m(views, ends, normal)
-        if case.built.lengths[face] < found.options.min_length_m:
+        if case.built.lengths[face] < MIN_LENGTH_M:
             continue
         standing = [wall for wall in new if _across_m(wall, ends, normal) < SAME_PLACE_M]
         length = sum(_shared_m(wall.ends, ends) for wall in standing)

@@ -91,7 +91,7 @@ def synthetic_case(n_frames: int = 250, seed: int = 0) -> Case:
         frames_per_lap=n_frames // 2,
         matches_per_pair=35,
         points_per_frame=180,
-        drift=DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3),
+        drift=DriftOptions(yaw_deg=0.15, translation_m=0.02),
     )
     measurements = problem.measurements
     return Case(

@@ -52,7 +52,7 @@ def judge_openings(
     seed: int, is_spoilt: bool, case: OpeningCase, found: AsBuilt, is_refined: bool
 ) -> list[JudgedOpening]:
     """Every true opening beside what was found in its place, and what was found where there is none."""
-    options, rows, left = found.options.openings, [], list(found.openings)
+    rows, left = [], list(found.openings)
     # Of a shut door that the plan lacks nothing can be told: it is wall to whoever looks.
     for true in (one for one in case.openings if one.is_drawn or one.is_open):
         middle = true.ends.mean(axis=0)
@@ -60,7 +60,7 @@ def judge_openings(
             one for one in left if np.linalg.norm(one.ends.mean(axis=0) - middle) < SAME_PLACE_M
         ]
         left = [one for one in left if all(one is not other for other in near)]
-        verdict = near[0].verdict(options).value if len(near) == 1 else f"{len(near)} found"
+        verdict = near[0].verdict.value if len(near) == 1 else f"{len(near)} found"
         errors, sigmas = _sides(near[0], true) if len(near) == 1 else ((), ())
         rows.append(
             JudgedOpening(
@@ -73,7 +73,7 @@ def judge_openings(
                 errors,
                 sigmas,
                 "" if true.is_open else (ClosedBy.DOOR if true.is_door else ClosedBy.WALL).value,
-                near[0].closed_by(options).value if verdict == OpeningVerdict.CLOSED.value else "",
+                near[0].closed_by.value if verdict == OpeningVerdict.CLOSED.value else "",
                 near[0].set_back_m if len(near) == 1 else (),
                 near[0].set_back_sigmas_m if len(near) == 1 else (),
                 is_refined,
@@ -85,7 +85,7 @@ def judge_openings(
             is_spoilt,
             str(one.ends.mean(axis=0).round(1).tolist()),
             "no opening",
-            one.verdict(options).value,
+            one.verdict.value,
             True,
             is_refined=is_refined,
         )

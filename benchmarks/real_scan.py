@@ -43,7 +43,7 @@ def main() -> None:
     floorplan = planfit.read_floorplan(scan.floorplan_path)
     _, true_world_from_cams = read_tum(arguments.scan / "groundtruth.tum")
     options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end=arguments.back_end))
-    drift = DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3)
+    drift = DriftOptions(yaw_deg=0.15, translation_m=0.02)
     print("seed      before m   after m   aligned m    rot deg   seconds")
     rows = []
     with tempfile.TemporaryDirectory() as cache:

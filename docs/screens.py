@@ -48,7 +48,7 @@ SIZE = (1000, 660)
 DRIFTED = SynthOptions(
     walk=WalkOptions(n_frames=160),
     camera=CameraOptions(width_px=400, height_px=300),
-    drift=DriftOptions(yaw_deg=0.3, tilt_share=0.3, translation_m=0.025, vertical_share=0.3),
+    drift=DriftOptions(yaw_deg=0.3, translation_m=0.025),
 )
 WRONG_PLAN_SEED = 22
 """Of the buildings of benchmarks/as_built.py; one of those that rules were chosen on."""

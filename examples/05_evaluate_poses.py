@@ -21,7 +21,7 @@ scan = synthetic.scan
 result = planfit.refine(scan, synthetic.floorplan)
 
 truth = Truth(np.arange(len(scan)), synthetic.true_world_from_cams)
-options = EvaluateOptions(delta_m=2.0, map=MapOptions(stride_px=4))
+options = EvaluateOptions(delta_m=2.0, map=MapOptions(frame_step=2))
 # In place of a result, poses (n, 4, 4) of any kind will do: those of another program, say.
 evaluation = planfit.evaluate(scan, result, truth=truth, options=options)
 for metric in evaluation.metrics.values():  # lower is better in all of them

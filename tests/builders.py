@@ -1,9 +1,13 @@
 """Small worlds whose truth is known: a box room to look at, and a room's worth of measurements."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from types import ModuleType
 
 import cv2
 import numpy as np
+import pytest
 
 from planfit.adjust import AdjustOptions, Measurements, PlanCorrespondences, build_problem
 from planfit.adjust.association import Association
@@ -22,6 +26,15 @@ from planfit.segmentation import (
 )
 
 CAMERA = Camera(160, 120, 130.0, 130.0, 79.5, 59.5)
+
+
+@contextmanager
+def with_constants(module: ModuleType, **values: float) -> Iterator[None]:
+    """Other values of constants of a module for a while; names in lower case."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in values.items():
+            patch.setattr(module, name.upper(), value)
+        yield
 
 
 def look(position, yaw_deg, pitch_deg=0.0, roll_deg=0.0):

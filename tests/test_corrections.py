@@ -432,13 +432,12 @@ def test_other_loops_are_held_to_one_by_hand():
     def motions(poses):
         return se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
 
-    options = RefineOptions().matching.cycle_consistency
     seen = RelativePoses(pairs, motions(recorded), np.full(3, 40))
-    assert cycle_consistent(seen, recorded, odometry, options).all()
+    assert cycle_consistent(seen, recorded, odometry).all()
     right = RelativePoses(pairs[1:2], motions(true)[1:2], np.full(1, 40))
-    assert not cycle_consistent(seen, recorded, odometry, options, right).any()
+    assert not cycle_consistent(seen, recorded, odometry, right).any()
     agreeing = replace(seen, a_from_b=motions(true))
-    assert cycle_consistent(agreeing, recorded, odometry, options, right).all()
+    assert cycle_consistent(agreeing, recorded, odometry, right).all()
 
 
 # Frames

@@ -43,7 +43,7 @@ def pairs_of(world):
     cuts = m.start[1:-1]
     points_a, points_b = np.split(m.points_a, cuts), np.split(m.points_b, cuts)
     motions = [
-        se3.fit_rigid(b, a, 1 / match_sigma(a, b, OPTIONS.matching.verify) ** 2)
+        se3.fit_rigid(b, a, 1 / match_sigma(a, b) ** 2)
         for a, b in zip(points_a, points_b, strict=True)
     ]
     relative = RelativePoses(m.pairs, np.array(motions), np.diff(m.start))
@@ -51,9 +51,7 @@ def pairs_of(world):
 
 
 def judged(verified, recorded, sensor=NOMINAL):
-    motions = measured_motions(
-        corrected_pairs(verified, sensor, OPTIONS.matching), OPTIONS.matching.verify
-    )
+    motions = measured_motions(corrected_pairs(verified, sensor))
     return judge_tracking("walk", recorded, motions, "recorded", OPTIONS.odometry, OPTIONS.tracking)
 
 
@@ -83,10 +81,10 @@ def test_a_tracker_that_errs_is_not_put_down_to_depth(world, rng):
 
 def test_corrected_pairs_have_the_motions_of_what_was_there(world):
     true, bent = pairs_of(world), pairs_of(world.measured_by(BENT))
-    mended = corrected_pairs(bent, BENT, OPTIONS.matching).relative_poses.a_from_b
+    mended = corrected_pairs(bent, BENT).relative_poses.a_from_b
     was = np.abs(bent.relative_poses.a_from_b - true.relative_poses.a_from_b).max()
     assert_allclose(mended, true.relative_poses.a_from_b, atol=0.02 * was)
-    assert corrected_pairs(bent, NOMINAL, OPTIONS.matching) is bent
+    assert corrected_pairs(bent, NOMINAL) is bent
 
 
 def test_rays_and_scans_without_pairs_ask_nothing(world):

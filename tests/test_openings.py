@@ -10,7 +10,6 @@ from planfit.as_built import (
     AsBuiltOpening,
     AsBuiltOptions,
     ClosedBy,
-    OpeningOptions,
     OpeningVerdict,
     counted_openings,
     judge_walls,
@@ -98,11 +97,11 @@ def judged(plan, rng, through=None, closed=None, walls=((0.0, 1.5), (2.5, 4.0)),
             depth_m = values.get("surface_m", 0.1)
             patches.append((frame, west_face(rng, *closed, x=x + depth_m), np.array([-1.0, 0.0])))
     values.pop("surface_m", None)
-    options = AsBuiltOptions(openings=OpeningOptions(**values))
+    options = AsBuiltOptions(**values)
     structure = make_structure(poses, patches=patches)
     covariances = np.zeros((len(poses), 6, 6))
     stretch = np.zeros(len(poses), dtype=int)
-    placed = place_walls(structure, plan, poses, covariances, stretch, options)
+    placed = place_walls(structure, plan, poses, covariances, stretch)
     return judge_walls(
         plan, placed, lines_of_sight(structure, poses, structure.floor_heights_m), options
     )
@@ -110,7 +109,7 @@ def judged(plan, rng, through=None, closed=None, walls=((0.0, 1.5), (2.5, 4.0)),
 
 def only_opening(found):
     (opening,) = found.openings
-    return opening, opening.verdict(found.options.openings)
+    return opening, opening.verdict
 
 
 @pytest.mark.parametrize("jambs", [True, False])
@@ -219,8 +218,8 @@ def test_a_door_that_cameras_look_through_is_open(rng):
     assert opening.width_m == pytest.approx(1.0, abs=0.03)
     assert opening.shift_m == pytest.approx(0.0, abs=0.02)
     assert opening.n_through_frames == 12
-    assert not opening.differs(found.options.openings)
-    assert "open: 1.0" in opening_words(opening, found.options.openings)
+    assert not opening.differs
+    assert "open: 1.0" in opening_words(opening)
 
 
 def test_what_stands_in_an_opening_is_none_of_its_sides(rng):
@@ -254,10 +253,10 @@ def test_a_door_in_which_wall_is_seen_is_closed(rng):
     opening, verdict = only_opening(found)
     assert verdict is OpeningVerdict.CLOSED
     assert (opening.open_share, opening.closed_share) == (0.0, 1.0)
-    assert opening.differs(found.options.openings)
+    assert opening.differs
     # A window is planned to be closed.
-    assert not replace(opening, kind="window").differs(found.options.openings)
-    title = opening_title(opening, found.options.openings)
+    assert not replace(opening, kind="window").differs
+    title = opening_title(opening)
     assert title == "Opening is closed (shut door): (3.0, 2.0)"
 
 
@@ -281,17 +280,16 @@ def test_a_shut_door_and_a_wall_are_told_apart_where_the_scan_tells(
     back_m, sigma_m, thickness_m, by
 ):
     opening = replace(CLOSED, set_back_m=back_m, set_back_sigmas_m=sigma_m, thickness_m=thickness_m)
-    options = OpeningOptions()
-    assert opening.closed_by(options) is by
+    assert opening.closed_by is by
     said = {
         ClosedBy.DOOR: "closed by a shut door",
         ClosedBy.WALL: "walled up",
         ClosedBy.UNKNOWN: "by a shut door or walled up, which the scan does not tell",
     }
-    assert said[by] in opening_words(opening, options)
-    assert by.value in opening_title(opening, options)
+    assert said[by] in opening_words(opening)
+    assert by.value in opening_title(opening)
     # A pane is no door.
-    assert "door" not in opening_words(replace(opening, kind="window"), options)
+    assert "door" not in opening_words(replace(opening, kind="window"))
 
 
 @pytest.mark.parametrize("depth_m", [0.0, 0.1, 0.2])
@@ -303,16 +301,7 @@ def test_how_far_what_closes_a_door_stands_back_is_measured(rng, depth_m):
     assert seen.sum() == 1  # all cameras are in the west
     assert np.array(opening.set_back_m)[seen] == pytest.approx([depth_m], abs=0.01)
     flush = ClosedBy.DOOR if depth_m else ClosedBy.UNKNOWN
-    assert opening.closed_by(found.options.openings) is flush
-    at = [ClosedBy.UNKNOWN if depth_m <= least else ClosedBy.DOOR for least in (0.01, 0.15)]
-    chosen = [OpeningOptions(leaf_back_m=least) for least in (0.01, 0.15)]
-    assert [opening.closed_by(one) for one in chosen] == at
-
-
-def test_how_thick_a_leaf_is_can_be_chosen():
-    opening = replace(CLOSED, set_back_m=(0.0, 0.0), set_back_sigmas_m=(0.01, 0.01))
-    assert opening.closed_by(OpeningOptions()) is ClosedBy.WALL
-    assert opening.closed_by(OpeningOptions(leaf_m=0.2)) is ClosedBy.UNKNOWN
+    assert opening.closed_by is flush
 
 
 def test_a_door_that_stands_open_for_part_of_the_walk_is_open(rng):
@@ -330,20 +319,18 @@ def test_what_stands_behind_a_door_is_not_in_it(rng):
     """A cupboard 0.13 m behind the wall: not looked through (0.25 m), and not closed."""
     found = judged(partition(DOOR), rng, closed=(1.5, 2.5), surface_m=0.33)
     assert only_opening(found)[1] is OpeningVerdict.NOT_SEEN
-    found = judged(partition(DOOR), rng, closed=(1.5, 2.5), surface_m=0.33, depth_m=0.2)
-    assert only_opening(found)[1] is OpeningVerdict.CLOSED
 
 
 def test_an_opening_in_a_wall_that_is_drawn_whole_is_new(rng):
     found = judged(partition(), rng, through=(1.55, 2.45))
     opening, verdict = only_opening(found)
     assert verdict is OpeningVerdict.NEW
-    assert opening.differs(found.options.openings)
+    assert opening.differs
     np.testing.assert_allclose(np.sort(opening.built_ends[:, 1]), DOOR, atol=0.03)
     # One face was seen; it stands in the middle of the wall, whose other face is drawn.
     assert opening.ends[:, 0] == pytest.approx(3.0)
     assert opening.thickness_m == pytest.approx(0.2)
-    assert counted_openings(found.openings, found.options.openings)[OpeningVerdict.NEW] == 1
+    assert counted_openings(found.openings)[OpeningVerdict.NEW] == 1
 
 
 def test_whole_walls_have_no_openings(rng):
@@ -362,26 +349,27 @@ def test_an_opening_moves_along_with_its_wall(rng):
 
 
 @pytest.mark.parametrize(
-    ("seen", "chosen", "verdicts"),
+    ("seen", "verdict"),
     [
-        ({"through": (1.6, 1.9)}, {"min_open_m": 0.8}, ["open", "not seen"]),
-        ({"closed": (1.5, 2.2)}, {"min_closed_share": 0.9}, ["closed", "not seen"]),
+        ({"through": (1.6, 1.9)}, OpeningVerdict.OPEN),
+        ({"through": (1.85, 2.0)}, OpeningVerdict.NOT_SEEN),
+        ({"closed": (1.5, 2.2)}, OpeningVerdict.CLOSED),
+        ({"closed": (1.5, 1.8)}, OpeningVerdict.NOT_SEEN),
     ],
 )
-def test_how_much_must_be_seen_can_be_chosen(seen, chosen, verdicts, rng):
-    opening, _ = only_opening(judged(partition(DOOR), rng, **seen))
-    told = [opening.verdict(one).value for one in (OpeningOptions(), OpeningOptions(**chosen))]
-    assert told == verdicts
+def test_a_verdict_needs_much_of_the_width(seen, verdict, rng):
+    assert only_opening(judged(partition(DOOR), rng, **seen))[1] is verdict
 
 
-def test_how_wide_a_new_opening_is_can_be_chosen(rng):
-    seen = {"through": (1.7, 2.2), "walls": ((0.0, 1.65), (2.25, 4.0))}
-    assert judged(partition(), rng, **seen, min_new_m=0.8).openings == ()
-    assert len(judged(partition(), rng, **seen, min_new_m=0.3).openings) == 1
+@pytest.mark.parametrize(("half_m", "n_openings"), [(0.1, 0), (0.35, 1)])
+def test_a_new_opening_is_as_wide_as_doors_are(half_m, n_openings, rng):
+    low, high = 1.95 - half_m, 1.95 + half_m
+    walls = ((0.0, low - 0.05), (high + 0.05, 4.0))
+    assert len(judged(partition(), rng, through=(low, high), walls=walls).openings) == n_openings
 
 
 def test_how_wide_a_gap_of_the_plan_is_can_be_chosen(rng):
-    found = judged(partition(DOOR), rng, closed=(1.5, 2.5), widths_m=(1.2, 3.0))
+    found = judged(partition(DOOR), rng, closed=(1.5, 2.5), opening_widths_m=(1.2, 3.0))
     assert found.openings == ()
 
 
@@ -397,7 +385,7 @@ def test_the_record_is_read_back(tmp_path, rng):
         np.testing.assert_equal(one.edges_m, other.edges_m)
         np.testing.assert_equal(one.set_back_m, other.set_back_m)
         np.testing.assert_equal(one.set_back_sigmas_m, other.set_back_sigmas_m)
-        assert one.verdict(again.options.openings) is other.verdict(found.options.openings)
+        assert one.verdict is other.verdict
 
 
 @pytest.mark.slow

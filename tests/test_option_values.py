@@ -9,7 +9,6 @@ from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.lsq.robust import Loss
 from planfit.lsq.solver import SolverOptions
-from planfit.matching.matchers import MatcherOptions
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import Runtime, whole_number
 from planfit.scan.odometry import OdometryOptions
@@ -25,7 +24,6 @@ from planfit.segmentation import SegmentationOptions
         (WallOptions, "sigma_m", -0.1),
         (WallOptions, "points_per_observation", 0.0),
         (AlignOptions, "candidate", 0),
-        (MatcherOptions, "max_ratio", 1.2),
         (VerdictOptions, "folds", 1),
         (VerdictOptions, "max_error_m", 0.0),
         (OdometryOptions, "sigma_base_m", float("nan")),

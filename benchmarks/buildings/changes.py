@@ -11,7 +11,7 @@ from planfit.geometry import se3
 from planfit.scan.views import select_frames
 from planfit.synth import DriftOptions, drift_poses
 
-NOISE = DriftOptions(yaw_deg=0.03, tilt_share=0.3, translation_m=0.004, vertical_share=0.3)
+NOISE = DriftOptions(yaw_deg=0.03, translation_m=0.004)
 """Of each step, beneath every drift: what a good visual-inertial tracker has at half a metre a frame."""
 TURN_DEG, SHIFT_M, SHIFT_UP_M = 5.0, 0.4, 0.08
 """Standard deviations of heading, place and height that a slow drift reaches at the end of a walk: as phones

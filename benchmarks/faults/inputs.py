@@ -24,7 +24,7 @@ class MovedWall:
     """From where the plan draws it to where it stands, true plan frame."""
 
 
-DRIFT = DriftOptions(yaw_deg=0.15, tilt_share=0.3, translation_m=0.02, vertical_share=0.3)
+DRIFT = DriftOptions(yaw_deg=0.15, translation_m=0.02)
 """Of recorded poses before they are spoilt; as measured on ConSLAM."""
 
 

@@ -21,6 +21,7 @@ from planfit.synth import (
 from planfit.synth.furniture import Footprint, Piece, furnish
 from planfit.synth.layout import BuildingLayout, Door, Rect, make_layout
 from planfit.synth.mesh import Quads
+from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.scan import SynthFiles, frame_name
 from planfit.synth.walls import wall_faces
 
@@ -105,7 +106,7 @@ def scan_of_layout(
         columns_are_walls: columns stand at walls and are wall themselves.
     """
     rngs = [np.random.default_rng([options.seed, stream]) for stream in range(3)]
-    faces = wall_faces(layout, options.building.outer_wall_thickness_m)
+    faces = wall_faces(layout, OUTER_WALL_M)
     furnished = layout
     if columns_are_walls:
         faces = replace(faces, is_column=np.zeros(len(faces.ends), dtype=bool))

@@ -62,7 +62,7 @@ def full_cost(
     would seem cheap else.
     """
     structure = measurements.structure
-    ceilings_m = find_ceilings(structure, plan_from_cams, options.ceiling_heights)
+    ceilings_m = find_ceilings(structure, plan_from_cams)
     found = associate_with_plan(
         structure,
         floorplan,

@@ -15,14 +15,12 @@ from builders import (
     position_rms_m,
     room_plan,
 )
-from planfit.adjust import AdjustOptions, adjust_to_plan, moved_wall_findings
 from planfit.adjust import (
     AdjustOptions,
     adjust_to_plan,
     alternation,
-    describe_moved,
+    moved_wall_findings,
     moved_walls,
-    name_walls,
 )
 from planfit.adjust.association import AssociationOptions, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, find_moved

@@ -79,7 +79,7 @@ def poster(true, i, j, n=4, explained=0.05, aside=(0.3, 0.0, 0.0)):
 def walk():
     true = ring()
     rng = np.random.default_rng(3)
-    return true, drift_poses(true, DriftOptions(0.1, 0.3, 0.01), rng, np.array([0, 0, 1.0])), rng
+    return true, drift_poses(true, DriftOptions(0.1, 0.01), rng, np.array([0, 0, 1.0])), rng
 
 
 def test_nothing_is_torn_where_nothing_is_false(walk):
@@ -142,7 +142,7 @@ def test_three_visits_that_agree_are_believed_against_a_step(walk):
 
 def test_where_every_step_is_off_the_sigmas_are_wrong_and_none_is_torn(walk):
     true, _, rng = walk
-    recorded = drift_poses(true, DriftOptions(3.0, 0.3, 0.3), rng, np.array([0, 0, 1.0]))
+    recorded = drift_poses(true, DriftOptions(3.0, 0.3), rng, np.array([0, 0, 1.0]))
     measurements = measured(
         rng, recorded, {pair: m for pair, m in true_motions(true, N + 1).items()}
     )

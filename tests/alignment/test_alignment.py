@@ -8,12 +8,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import faces_plan, moved_plan, room_plan
-from planfit.alignment import SETTLED_BY_POINTS, AlignOptions, align, sample_walls
+from planfit.alignment import (
+    SETTLED_BY_POINTS,
+    AlignOptions,
+    align,
+    candidates,
+    sample_walls,
+    search,
+    selection,
+)
 from planfit.alignment.candidates import candidate_yaws
+from planfit.alignment.selection import MIN_MARGIN
 from planfit.findings import PlanKind
-from planfit.alignment import AlignOptions, align, candidates, sample_walls, search, selection
-from planfit.alignment.candidates import candidate_yaws
-from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 

@@ -11,7 +11,7 @@ import pytest
 from planfit.cli import run
 from planfit.scan import read_tum, write_tum
 
-FEW = ("--map.frame-step", "4", "--free-space.max-views", "15")
+FEW = ("--map.frame-step", "4")
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,7 @@ def test_record_tells_what_was_done(finished: Path, small_scan: Path) -> None:
     record = json.loads((finished / "run.json").read_text())
     assert record["frames"] == 60
     assert record["inputs"]["scan"] == str(small_scan.resolve())
-    assert record["options"]["matching"]["verify"]["min_inliers"] == 15
+    assert record["options"]["matching"]["keypoints"]["max_per_frame"] == 1500
     assert record["verdict"]["outcome"] == "refined"
     assert len(record["verdict"]["predicted_error_m"]) == 60
     terms = {"points", "surfaces", "floor", "odometry", "ceiling", "walls"}
@@ -223,7 +223,7 @@ def test_evaluate_reads_a_scan_by_the_flags_of_refine(
 @pytest.mark.slow
 def test_evaluate_against_a_true_scan(finished: Path, small_scan: Path, capsys) -> None:
     cloud = finished / "cloud_after.ply"
-    words = (finished, "--true-cloud", cloud, "--map.frame-step", 4, "--map.mom-frames", 1)
+    words = (finished, "--true-cloud", cloud, "--map.frame-step", 4)
     report = evaluated(capsys, *words, "--truth-frame", "plan")
     nnd = report["metrics"]["nnd"]
     assert nnd["after"] < 3.0  # the same points, thinned otherwise

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from builders import look, make_structure
-from planfit.errors import OptionError
-from planfit.evaluation import LayerOptions, wall_layers
+from planfit.evaluation import wall_layers
 
 N_FRAMES = 32
 FIRST = N_FRAMES // 2  # frames of the first visit
@@ -118,36 +117,17 @@ def test_one_stray_frame_is_no_layer(rng):
     poses = true_poses()
     walls = make_structure(poses, patches=wall_patches(rng, poses)).walls
     assert wall_layers(walls, drifted(poses, 0.1, slice(3, 4))).double_share == 0.0
-    options = LayerOptions(min_frames=1)
-    assert wall_layers(walls, drifted(poses, 0.1, slice(3, 4)), options).double_share > 0.1
 
 
-def test_each_option_does_what_it_says(rng):
+def test_frames_that_see_both_layers_tell_two_surfaces(rng):
     poses = true_poses()
-    walls = make_structure(poses, patches=wall_patches(rng, poses)).walls
-    moved = drifted(poses, 0.08)
-    assert wall_layers(walls, moved, LayerOptions(min_gap_m=0.1)).double_share == 0.0
-    assert wall_layers(walls, moved, LayerOptions(max_gap_m=0.05)).double_share == 0.0
-    assert wall_layers(walls, moved, LayerOptions(min_points=300)).n_windows == 0
-    few = wall_layers(walls, moved, LayerOptions(window_m=1.0)).n_windows
-    assert few < 0.5 * wall_layers(walls, moved).n_windows
     noisy = drifted(poses, 0.08)
     noisy[:, 1, 3] += 0.012 * np.array([-1, 1] * FIRST)
+    walls = make_structure(poses, patches=wall_patches(rng, poses)).walls
     assert wall_layers(walls, noisy).double_share > 0.5
-    assert wall_layers(walls, noisy, LayerOptions(gap_to_sigma=10)).double_share == 0.0
-    niche = make_structure(
-        poses, patches=wall_patches(rng, poses) + wall_patches(rng, poses, 0.12)[:8]
-    ).walls
-    both = wall_layers(niche, drifted(poses, 0.12))
-    lenient = wall_layers(niche, drifted(poses, 0.12), LayerOptions(max_both_share=1.0))
-    assert lenient.double_share > both.double_share
-
-
-def test_options_that_cannot_work():
-    with pytest.raises(OptionError, match=r"LayerOptions.window_m: expected a number above 0"):
-        LayerOptions(window_m=0)
-    with pytest.raises(OptionError, match=r"LayerOptions.max_both_share: expected 0 to 1"):
-        LayerOptions(max_both_share=2)
+    both = wall_patches(rng, poses) + wall_patches(rng, poses, 0.12)[:8]
+    niche = make_structure(poses, patches=both).walls
+    assert wall_layers(niche, drifted(poses, 0.12)).double_share < 1.0
 
 
 def test_no_walls():

@@ -76,7 +76,8 @@ def test_each_option_does_what_it_says():
     assert sizes(max_depth_m=4.0)[0] < every[0]
     assert sizes(max_depth_m=1.0).sum() == 0
     assert sizes(voxel_m=0.1)[1] == pytest.approx(every[1] / 4, rel=0.15)
-    assert sizes(voxel_m=0.001, stride_px=4)[1] == sizes(voxel_m=0.001)[1] / 4
+    # One pixel in two, each way.
+    assert sizes(voxel_m=0.001)[1] == (CAMERA.height // 2 - 10) * CAMERA.width // 2
     with pytest.raises(OptionError, match=r"MapOptions.voxel_m: expected a number above 0"):
         MapOptions(voxel_m=0.0)
 

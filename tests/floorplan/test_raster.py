@@ -419,7 +419,7 @@ def test_the_turn_of_thin_lines_is_found(angle: float) -> None:
 
 
 def test_dense_hatching_does_not_turn_the_sheet() -> None:
-    drawing = drawn(0, style="hatched", pixels_per_metre=110, hatch_m=0.05)
+    drawing = drawn(0, style="hatched", pixels_per_metre=110)
     assert abs(find_skew_deg(make_darkness(drawing.image, "x"))) < 0.1
 
 

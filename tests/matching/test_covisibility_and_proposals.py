@@ -3,8 +3,9 @@
 import numpy as np
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import CAMERA, look
+from builders import CAMERA, look, with_constants
 from planfit.geometry import se3
+from planfit.matching import loop_closure
 from planfit.matching.covisibility import MARGIN, N_POINTS, sample_views
 from planfit.matching.loop_closure import propose_loop_closures
 from planfit.matching.pairs import PairOptions
@@ -103,8 +104,10 @@ def test_guided_per_frame(rng):
     _, recorded, loop, samples = case(rng)
     none = np.zeros((0, 2), dtype=int)
     for most in (0, 1, 3):
-        options = PairOptions(guided_per_frame=most)
-        found = propose_loop_closures(loop, none, np.arange(40), recorded, samples, options)
+        with with_constants(loop_closure, guided_per_frame=most):
+            found = propose_loop_closures(
+                loop, none, np.arange(40), recorded, samples, PairOptions()
+            )
         assert np.bincount(found.ravel(), minlength=40).max() == most
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import look
+from builders import look, with_constants
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleConsistencyOptions
+from planfit.matching import cycles, loop_closure
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.pose_graph import LEVER_M, LoopGraph
 from planfit.matching.types import RelativePoses
@@ -59,9 +59,8 @@ def loops(poses, pairs, as_seen_from=None):
 
 
 def accepted(found, recorded, drift=DRIFT, **options):
-    return cycle_consistent(
-        found, recorded, make_odometry(recorded, drift), CycleConsistencyOptions(**options)
-    )
+    with with_constants(loop_closure, **options):
+        return cycle_consistent(found, recorded, make_odometry(recorded, drift))
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -117,17 +116,13 @@ def test_slack_and_sigmas():
     off.a_from_b[0, 0, 3] += 0.5
     exact = OdometryOptions(1e-5, 0.0, 1e-5, 0.0)
     assert not accepted(off, poses, exact).any()
-    assert accepted(off, poses, exact, translation_slack_m=0.6).all()
+    with with_constants(cycles, translation_slack_m=0.6):
+        assert accepted(off, poses, exact).all()
     turned = loops(poses, [(a, c)])
     turned.a_from_b[0, :3, :3] @= se3.exp_so3(np.array([0.1, 0, 0]))
     assert not accepted(turned, poses, exact).any()
-    assert accepted(turned, poses, exact, rotation_slack_deg=7.0).all()
-    _, translation = make_odometry(poses, DRIFT).sigma_between(np.array([a]), np.array([c]))
-    far = loops(poses, [(a, c)])
-    far.a_from_b[0, 2, 3] += 5.0 * translation[0] + 0.25
-    assert not accepted(far, poses, certain_m=0.1).any()
-    assert accepted(far, poses, certain_m=0.1, max_uncertain_sigmas=6.0).all()
-    assert accepted(far, poses, certain_m=50.0).all()
+    with with_constants(cycles, rotation_slack_deg=7.0):
+        assert accepted(turned, poses, exact).all()
 
 
 def test_one_of_a_cluster_speaks_for_those_that_agree_with_it_alone():
@@ -136,7 +131,8 @@ def test_one_of_a_cluster_speaks_for_those_that_agree_with_it_alone():
     found.n_inliers[0] = 90
     found.a_from_b[3, 0, 3] += 6.0
     for size in (0.2, 5.0):
-        is_accepted = accepted(found, poses, certain_m=0.1, cluster_m=size)
+        with with_constants(cycles, certain_sigma_m=-0.03):  # nothing is certain
+            is_accepted = accepted(found, poses, cluster_m=size)
         assert_array_equal(is_accepted, [True, True, True, False])
 
 
@@ -180,9 +176,8 @@ def test_a_gap_in_the_tracking_is_no_drift_that_others_could_tell():
     odometry = make_odometry(poses, UNSURE)
     lost = np.arange(len(poses) - 1) == d - 3
     gap = replace(odometry, sigma_translation=np.where(lost, 3.0, odometry.sigma_translation))
-    options = CycleConsistencyOptions()
-    assert not cycle_consistent(both, poses, odometry, options)[-1]
-    assert cycle_consistent(both, poses, gap, options).all()
+    assert not cycle_consistent(both, poses, odometry)[-1]
+    assert cycle_consistent(both, poses, gap).all()
 
 
 def look_from(poses, first, aside):

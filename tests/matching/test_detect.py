@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import CAMERA, look, room_scan
+from builders import CAMERA, look, room_scan, with_constants
 from planfit.geometry.camera import Camera
+from planfit.matching import detect as detect_module
 from planfit.matching.detect import (
     KeypointOptions,
     detect,
@@ -28,18 +29,18 @@ def ramp(slope_u=0.004, slope_v=0.003):
 def test_depth_is_interpolated_between_pixels(rng):
     uv = rng.uniform([3, 3], [76, 56], (200, 2))
     expected = 3.0 + 0.004 * uv[:, 0] + 0.003 * uv[:, 1]
-    assert_allclose(sample_depth(ramp(), uv, 0.05), expected, atol=1e-5)
+    assert_allclose(sample_depth(ramp(), uv), expected, atol=1e-5)
 
 
 def test_whole_pixels_are_read_as_they_are():
     depth = ramp()
-    found = sample_depth(depth, np.array([[10.0, 20.0], [33.0, 7.0]]), 0.05)
+    found = sample_depth(depth, np.array([[10.0, 20.0], [33.0, 7.0]]))
     assert_allclose(found, [depth[20, 10], depth[7, 33]], rtol=1e-6)
 
 
 def test_a_border_of_the_image_has_no_depth():
     u, v = np.meshgrid(np.arange(-3, 84, 0.5), np.arange(-3, 64, 0.5))
-    found = sample_depth(ramp(), np.stack([u.ravel(), v.ravel()], axis=1), 0.05)
+    found = sample_depth(ramp(), np.stack([u.ravel(), v.ravel()], axis=1))
     inside = (u >= 2) & (v >= 2) & (u < 77) & (v < 57)
     assert np.array_equal(np.isfinite(found), inside.ravel())
 
@@ -48,7 +49,7 @@ def test_holes_spoil_what_is_within_two_pixels_and_nothing_else():
     depth = ramp()
     depth[30, 40] = np.nan
     u, v = (grid.ravel() for grid in np.meshgrid(np.arange(30.0, 50.0), np.arange(20.0, 40.0)))
-    found = sample_depth(depth, np.stack([u, v], axis=1) + 0.25, 0.05)
+    found = sample_depth(depth, np.stack([u, v], axis=1) + 0.25)
     # The patch of a pixel reaches 2 px to the left and 3 px to the right of its floor.
     near = (u >= 37) & (u <= 42) & (v >= 27) & (v <= 32)
     assert np.array_equal(np.isnan(found), near)
@@ -58,8 +59,9 @@ def test_depth_edges_have_no_depth_and_edge_step_says_what_one_is():
     depth = np.full((60, 80), 2.0, np.float32)
     depth[:, 40:] = 2.2
     uv = np.array([[20.0, 30.0], [38.0, 30.0], [40.0, 30.0], [60.0, 30.0]])
-    assert np.array_equal(np.isnan(sample_depth(depth, uv, 0.05)), [False, True, True, False])
-    assert np.isfinite(sample_depth(depth, uv, 0.11)).all()
+    assert np.array_equal(np.isnan(sample_depth(depth, uv)), [False, True, True, False])
+    with with_constants(detect_module, edge_step=0.11):
+        assert np.isfinite(sample_depth(depth, uv)).all()
 
 
 def test_where_there_may_be_depth_is_all_where_there_is_some(rng):
@@ -68,8 +70,8 @@ def test_where_there_may_be_depth_is_all_where_there_is_some(rng):
     depth[rng.random(depth.shape) < 0.005] = np.nan
     uv = rng.uniform([0, 0], [79, 59], (5000, 2)).astype(np.float32)
     nearest = np.floor(uv + 0.5).astype(int)
-    may = may_have_depth(depth, 0.05)[nearest[:, 1], nearest[:, 0]] > 0
-    has = np.isfinite(sample_depth(depth, uv, 0.05))
+    may = may_have_depth(depth)[nearest[:, 1], nearest[:, 0]] > 0
+    has = np.isfinite(sample_depth(depth, uv))
     assert may[has].all()
     inner = (uv >= 3).all(axis=1) & (uv < [76, 56]).all(axis=1)
     assert has[may & inner].mean() > 0.7  # the 6x6 pixels that it is asked of see a few holes more
@@ -77,7 +79,7 @@ def test_where_there_may_be_depth_is_all_where_there_is_some(rng):
 
 
 def test_no_points():
-    assert sample_depth(ramp(), np.zeros((0, 2)), 0.05).shape == (0,)
+    assert sample_depth(ramp(), np.zeros((0, 2))).shape == (0,)
 
 
 @pytest.fixture(scope="module")
@@ -114,8 +116,9 @@ def test_large_images_are_looked_at_reduced(rng, shape):
         assert useful.shape == grey.shape
         return sift(1500, 0.02)(grey, useful)
 
-    options = KeypointOptions(min_reduced=1)
-    found = detect(image, depth, camera, options, reduced(spy, 400, 1))
+    options = KeypointOptions()
+    with with_constants(detect_module, min_reduced=1):
+        found = detect(image, depth, camera, options, reduced(spy, 400))
     assert max(seen[0]) == 400
     gap = np.linalg.norm(found.uv[:, None] - uv, axis=2).min(axis=1)
     alone = [k for k in range(len(uv)) if np.sort(np.linalg.norm(uv - uv[k], axis=1))[1] > 25]
@@ -128,7 +131,8 @@ def test_large_images_are_looked_at_reduced(rng, shape):
 
     # Too few in the reduced image: the whole one is looked at as well, as it was.
     seen.clear()
-    again = detect(image, depth, camera, options, reduced(spy, 400, 10**6))
+    with with_constants(detect_module, min_reduced=10**6):
+        again = detect(image, depth, camera, options, reduced(spy, 400))
     assert seen == [seen[0], shape]
     whole = detect(image, depth, camera, KeypointOptions(max_side_px=max(shape)))
     assert_array_equal(again.uv, whole.uv)
@@ -187,12 +191,6 @@ def test_max_depth_m(view):
     near = detect(*view, CAMERA, KeypointOptions(max_depth_m=limit)).points_cam[:, 2]
     assert near.max() < limit
     assert len(near) == np.sum(everything < limit)
-
-
-def test_edge_step(view):
-    strict = detect(*view, CAMERA, KeypointOptions(edge_step=0.005))
-    lenient = detect(*view, CAMERA, KeypointOptions(edge_step=0.5))
-    assert len(strict) < len(detect(*view, CAMERA, KeypointOptions())) < len(lenient)
 
 
 def test_orb_finds_bits_apart(view):

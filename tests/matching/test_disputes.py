@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from builders import look
+from builders import look, with_constants
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleConsistencyOptions
+from planfit.matching import disputes as disputes_module
+from planfit.matching import loop_closure
 from planfit.matching.disputes import find_disputes
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.types import RelativePoses
@@ -54,7 +55,8 @@ def both(poses, true_share=0.2, false_share=0.6, drift_m=0.0):
 
 def accepted(found, recorded, odometry=None, **options):
     steps = odometry or make_odometry(recorded, UNSURE)
-    return cycle_consistent(found, recorded, steps, CycleConsistencyOptions(**options))
+    with with_constants(loop_closure, **options):
+        return cycle_consistent(found, recorded, steps)
 
 
 IS_TRUE = np.arange(15) < 3
@@ -80,15 +82,16 @@ def test_where_drift_does_not_decide_neither_is_used():
     assert not accepted(found, recorded).any()
     # A decimetre beside the middle the advantage is small: half a sigma squared.
     found, recorded = both(walk(), drift_m=1.9)
-    assert not accepted(found, recorded, min_advantage=1.0).any()
-    assert_array_equal(accepted(found, recorded, min_advantage=0.01), IS_TRUE)
+    with with_constants(disputes_module, min_advantage=0.01):
+        assert_array_equal(accepted(found, recorded), IS_TRUE)
 
 
 def test_a_poster_is_no_rival_of_a_room():
     # Recorded poses drifted 3 m towards the poster's place; the room explains far more of what is seen.
     found, recorded = both(walk(), true_share=0.6, false_share=0.05, drift_m=3.0)
-    assert_array_equal(accepted(found, recorded, rival_share=0.33), IS_TRUE)
-    assert not accepted(found, recorded, rival_share=0.01)[IS_TRUE].any()
+    assert_array_equal(accepted(found, recorded), IS_TRUE)
+    with with_constants(disputes_module, rival_share=0.01):
+        assert not accepted(found, recorded)[IS_TRUE].any()
 
 
 def test_those_that_agree_with_a_loser_wait_with_it():
@@ -96,9 +99,8 @@ def test_those_that_agree_with_a_loser_wait_with_it():
     found, recorded = both(walk())
     found = found[np.arange(len(found)) != 2]
     odometry = make_odometry(recorded, UNSURE)
-    options = CycleConsistencyOptions()
     none = np.zeros(len(found), dtype=bool)
-    disputes = find_disputes(found, np.arange(14), recorded, odometry, options, none)
+    disputes = find_disputes(found, np.arange(14), recorded, odometry, none)
     n_rivals = disputes.contradicts.sum(axis=1)
     assert n_rivals[:2].min() > 0
     assert (n_rivals == 0).sum() >= 1
@@ -125,9 +127,7 @@ def test_without_rivals_nothing_waits():
     found = revisits(poses, range(0, 40, 5), 0.3)
     odometry = make_odometry(poses, UNSURE)
     none = np.zeros(len(found), dtype=bool)
-    disputes = find_disputes(
-        found, np.arange(len(found)), poses, odometry, CycleConsistencyOptions(), none
-    )
+    disputes = find_disputes(found, np.arange(len(found)), poses, odometry, none)
     assert disputes.contradicts.nnz == 0
     assert not disputes.waits.any()
     assert disputes.first_of_rivals(np.arange(len(found))).all()
@@ -138,9 +138,7 @@ def test_the_first_of_rivals_bars_the_others():
     found, recorded = both(poses)
     odometry = make_odometry(recorded, UNSURE)
     none = np.zeros(14, dtype=bool)
-    disputes = find_disputes(
-        found, np.arange(1, 15), recorded, odometry, CycleConsistencyOptions(), none
-    )
+    disputes = find_disputes(found, np.arange(1, 15), recorded, odometry, none)
     contradicts = disputes.contradicts.toarray()
     # Number 0 was not compared: it bars nothing and is barred by nothing.
     order = np.array([5, 0, 1, 2, 7])

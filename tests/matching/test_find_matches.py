@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from builders import NoFiles, look, make_matches, random_transforms, room_scan
+from builders import NoFiles, look, make_matches, random_transforms, room_scan, with_constants
 from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.matching import (
     MatchingOptions,
+    cycles,
     find_matches,
     measure_neighbours,
     relative_motions,
     search_matches,
     tentative,
 )
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
 from planfit.matching.pairs import PairOptions
-from planfit.matching.verify import VerifyOptions, point_sigma
+from planfit.matching.verify import MIN_INLIERS, point_sigma
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -31,10 +31,6 @@ POSES = np.stack([look([1.0 + 0.15 * i, 2.0, 1.3], 4.0 * i, 5) for i in range(6)
 def found(scan, options=None, drift=None, runtime=None):
     odometry = make_odometry(scan.world_from_cams, drift or OdometryOptions())
     return find_matches(scan, odometry, options or MatchingOptions(), runtime or Runtime(2))
-
-
-def consistent(**options):
-    return MatchingOptions(cycle_consistency=CycleConsistencyOptions(**options))
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +50,11 @@ def test_matched_points_coincide_at_the_true_poses(scan, matches):
     assert matches.n_keypoints > 300
     assert matches.n_tried == 15  # four neighbours each, and the first with the last
     assert np.all(matches.pairs[:, 0] < matches.pairs[:, 1])
-    assert np.all(np.diff(matches.start) >= VerifyOptions().min_inliers)
+    assert np.all(np.diff(matches.start) >= MIN_INLIERS)
 
 
 def test_sigma_is_that_of_both_ends(matches):
-    sigmas = [point_sigma(p[:, 2], VerifyOptions()) for p in (matches.points_a, matches.points_b)]
+    sigmas = [point_sigma(p[:, 2]) for p in (matches.points_a, matches.points_b)]
     # Of 32 bits.
     assert_allclose(matches.sigma, np.hypot(*sigmas), rtol=1e-6)
 
@@ -86,46 +82,21 @@ def test_a_look_alike_beyond_drift_is_refused():
     assert found(turned, drift=OdometryOptions(sigma_base_deg=3.0)).n_matches > 50
 
 
-def test_slack_and_sigmas_set_how_far_a_motion_may_depart():
+def test_slack_sets_how_far_a_motion_may_depart():
     scan = room_scan([POSES[0], POSES[0]])
     apart = POSES[[0, 0]].copy()
     apart[1, 1, 3] += 0.5
     scan = replace(scan, world_from_cams=apart)
-    sure = OdometryOptions(0.05, 0.0, 0.1, 0.0)
-    assert (
-        found(
-            scan,
-            MatchingOptions(
-                cycle_consistency=CycleConsistencyOptions(max_sigmas=3.0, max_uncertain_sigmas=3.0)
-            ),
-            sure,
-        ).n_matches
-        == 0
-    )
-    assert (
-        found(
-            scan,
-            MatchingOptions(
-                cycle_consistency=CycleConsistencyOptions(
-                    max_sigmas=12.0, max_uncertain_sigmas=12.0
-                )
-            ),
-            sure,
-        ).n_matches
-        > 50
-    )
-    slack = MatchingOptions(
-        cycle_consistency=CycleConsistencyOptions(max_sigmas=0.0, translation_slack_m=0.6)
-    )
-    assert found(scan, slack, sure).n_matches > 50
+    sure = OdometryOptions(0.01, 0.0, 0.1, 0.0)
+    assert found(scan, drift=sure).n_matches == 0
+    with with_constants(cycles, translation_slack_m=0.6):
+        assert found(scan, drift=sure).n_matches > 50
     turned = POSES[[0, 0]].copy()
     turned[1] = turned[1] @ se3.make_transform(se3.exp_so3(np.array([0, 0.1, 0])), np.zeros(3))
     turned = replace(scan, world_from_cams=turned)
-    assert found(turned, consistent(max_sigmas=0.0), sure).n_matches == 0
-    slack = MatchingOptions(
-        cycle_consistency=CycleConsistencyOptions(max_sigmas=0.0, rotation_slack_deg=7.0)
-    )
-    assert found(turned, slack, sure).n_matches > 50
+    assert found(turned, drift=sure).n_matches == 0
+    with with_constants(cycles, rotation_slack_deg=7.0):
+        assert found(turned, drift=sure).n_matches > 50
 
 
 def test_no_texture_no_matches(scan):

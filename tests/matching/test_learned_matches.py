@@ -8,10 +8,9 @@ import pytest
 
 from builders import CAMERA, look, room_scan
 from planfit.errors import OptionError
-from planfit.matching import MatchingOptions, find_matches
+from planfit.matching import MatchingOptions, find_matches, relative_motions, verify
 from planfit.matching.detect import KeypointOptions, detect, make_detector
 from planfit.matching.matchers import MatcherOptions, make_matcher
-from planfit.matching.verify import VerifyOptions
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
@@ -64,14 +63,16 @@ def options_of(models, matcher="nearest"):
             kind="superpoint", weights=str(models / "superpoint"), max_per_frame=300
         ),
         matcher=MatcherOptions(kind=matcher, weights=str(models / matcher)),
-        # Random weights match little: what they match must still come through.
-        verify=VerifyOptions(min_inliers=5, min_inlier_ratio=0.02),
     )
 
 
 @needs_libraries
 @pytest.mark.parametrize("matcher", ["nearest", "lightglue", "superglue"])
-def test_ten_frames_end_to_end(models, matcher):
+def test_ten_frames_end_to_end(models, matcher, monkeypatch):
+    # Random weights match little: what they match must still come through.
+    for module in (verify, relative_motions):
+        monkeypatch.setattr(module, "MIN_INLIERS", 5)
+    monkeypatch.setattr(verify, "MIN_INLIER_RATIO", 0.02)
     scan = room_scan(POSES)
     odometry = make_odometry(scan.world_from_cams, OdometryOptions())
     found = find_matches(scan, odometry, options_of(models, matcher), Runtime(2))

@@ -9,7 +9,7 @@ from painted_rooms import POSTER, ROOM, grids_of
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching import MatchingOptions, NeighbourMotions, misled, without_misled
+from planfit.matching import NeighbourMotions, misled, without_misled
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import RelativePoses
@@ -46,9 +46,7 @@ def neighbours(poses, is_misled=True):
 
 
 def kept(known, recorded):
-    found = without_misled(
-        known, recorded, make_odometry(recorded, OdometryOptions()), MatchingOptions()
-    )
+    found = without_misled(known, recorded, make_odometry(recorded, OdometryOptions()))
     assert found.tried is known.tried
     return np.isin(known.tried[:, 0], found.verified.relative_poses.pairs[:, 0])
 
@@ -87,7 +85,7 @@ def test_a_turn_in_usual_steps_is_no_jump_though_the_same_picture_hangs_on_the_n
     more = RelativePoses(pairs, still, np.array([40, 40]))
     points = [known.verified.points_a[0]] * 2
     known = replace(known, verified=known.verified.joined(VerifiedPairs(more, points, points)))
-    found = without_misled(known, poses, make_odometry(poses, OdometryOptions()), MatchingOptions())
+    found = without_misled(known, poses, make_odometry(poses, OdometryOptions()))
     assert_array_equal(found.verified.relative_poses.pairs, relative_poses.pairs)
 
 

@@ -1,10 +1,9 @@
 """Which frames are tried with which."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from builders import look
+from builders import look, with_constants
+from planfit.matching import pairs as pairs_module
 from planfit.matching.covisibility import ViewSamples
 from planfit.matching.pairs import FrameDescriptors, PairOptions, choose_pairs
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -13,7 +12,11 @@ from planfit.scan.odometry import OdometryOptions, make_odometry
 def chosen(poses, drift=None, **options):
     poses = np.asarray(poses)
     drift = drift or OdometryOptions()
-    pairs = choose_pairs(poses, make_odometry(poses, drift), PairOptions(**options))
+    known = {
+        name: options.pop(name) for name in ("neighbours", "loops_per_frame") if name in options
+    }
+    with with_constants(pairs_module, **options):
+        pairs = choose_pairs(poses, make_odometry(poses, drift), PairOptions(**known))
     assert pairs.shape[1] == 2
     assert np.all(pairs[:, 0] < pairs[:, 1])
     as_tuples = [tuple(int(v) for v in pair) for pair in pairs]
@@ -119,19 +122,17 @@ def test_retrieval_finds_the_loop_that_the_gate_misses():
     views = ViewSamples(points, np.tile([[-0.6, 0.6], [-0.5, 0.5]], (60, 1, 1)))
     descriptors = FrameDescriptors(vectors, np.zeros(60), views)
     truth = {(i, 59 - i) for i in range(16)}
-    options = PairOptions(max_distance_m=4.0)
-    found = {n: {(int(i), int(j)) for i, j in choose_pairs(poses, odometry, o, descriptors)}
-             for n, o in ((4, options), (0, replace(options, retrieved_per_frame=0)))}  # fmt: skip
-    assert truth <= found[4]
-    assert not truth & found[0]
+
+    def found(odometry, **constants):
+        with with_constants(pairs_module, max_distance_m=4.0, **constants):
+            pairs = choose_pairs(poses, odometry, PairOptions(), descriptors)
+        return {(int(i), int(j)) for i, j in pairs}
+
+    assert truth <= found(odometry)
+    assert not truth & found(odometry, retrieved_per_frame=0)
     sure = make_odometry(poses, OdometryOptions(1e-6, 0.0, 1e-6, 0.0))
-    assert not truth & {
-        (int(i), int(j)) for i, j in choose_pairs(poses, sure, options, descriptors)
-    }
-    timid = replace(options, max_drift_sigmas=1.0)
-    assert not truth <= {
-        (int(i), int(j)) for i, j in choose_pairs(poses, odometry, timid, descriptors)
-    }
+    assert not truth & found(sure)
+    assert not truth <= found(odometry, max_drift_sigmas=1.0)
 
 
 def test_the_nearest_views_come_first():

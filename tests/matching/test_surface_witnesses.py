@@ -6,7 +6,6 @@ from numpy.testing import assert_array_equal
 
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.surfaces.witnesses import is_witnessed
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -43,7 +42,7 @@ def matched(poses, pairs):
 
 def witnessed(found, by_keypoints, recorded):
     odometry = make_odometry(recorded, OdometryOptions())
-    return is_witnessed(found, by_keypoints, recorded, odometry, CycleConsistencyOptions())
+    return is_witnessed(found, by_keypoints, recorded, odometry)
 
 
 def jumped(at, by_m=JUMP_M):

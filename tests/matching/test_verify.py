@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from builders import CAMERA, look
+from builders import CAMERA, look, with_constants
 from planfit.geometry import se3
-from planfit.matching.verify import VerifyOptions, point_sigma, verify
+from planfit.matching import verify as verify_module
+from planfit.matching.verify import point_sigma, verify
 
 A_FROM_B = se3.make_transform(
     se3.exp_so3(np.array([0.05, 0.3, -0.02])), np.array([0.4, -0.05, 0.2])
@@ -28,8 +29,9 @@ def case(rng, n=100, outliers=0.0, noise_m=0.0, a_from_b=A_FROM_B):
 
 def verified(matches, seed=0, **options):
     points_a, points_b, uv_a, uv_b = matches
-    return verify(points_a, points_b, uv_a, uv_b, CAMERA, CAMERA, VerifyOptions(**options),
-                  np.random.default_rng(seed))  # fmt: skip
+    rng = np.random.default_rng(seed)
+    with with_constants(verify_module, **options):
+        return verify(points_a, points_b, uv_a, uv_b, CAMERA, CAMERA, rng)
 
 
 def test_exact_matches_give_the_exact_motion(rng):
@@ -134,8 +136,7 @@ def test_more_rounds_find_rarer_motions():
 
 
 def test_sigma_grows_with_depth():
-    options = VerifyOptions(sigma_base_m=0.02, sigma_per_m=0.01)
-    assert_allclose(point_sigma(np.array([0.0, 2.0]), options), [0.02, 0.04])
+    assert_allclose(point_sigma(np.array([0.0, 2.0])), [0.02, 0.04])
 
 
 def test_points_behind_the_other_camera_are_no_inliers(rng):

@@ -7,11 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from painted_rooms import CELLS, POSTER, ROOM, grids_of
 
-from builders import CAMERA, look, random_transforms
+from builders import CAMERA, look, random_transforms, with_constants
 from planfit.geometry import se3
+from planfit.matching import view_agreement
 from planfit.matching.agreement_kernels import FEW, NOISE, UNKNOWN, compare_views
 from planfit.matching.types import RelativePoses
-from planfit.matching.view_agreement import AgreementOptions, compare, explained_shares
+from planfit.matching.view_agreement import MAX_CONTRADICTED, compare, explained_shares
 from planfit.matching.view_grids import (
     COLUMNS,
     ROWS,
@@ -33,11 +34,9 @@ def pair(first, second, spread_m=0.3, n=40):
     return relative_poses, [ends[0]], [ends[1]]
 
 
-def agreement(found, grids, **options):
+def agreement(found, grids):
     relative_poses, points_a, points_b = found
-    result = compare(
-        relative_poses, points_a, points_b, np.array([0.03]), grids, AgreementOptions(**options)
-    )
+    result = compare(relative_poses, points_a, points_b, np.array([0.03]), grids)
     return float(result.matched[0]), float(result.contradicted[0]), float(result.likeness[0])
 
 
@@ -62,7 +61,7 @@ def test_the_same_poster_in_a_deeper_room_is_contradicted_by_free_space():
     relative_poses, points_a, points_b = pair(one, other)
     sigma_m, is_neighbour = np.array([0.03]), np.array([False])
     explained = explained_shares(
-        relative_poses, points_a, points_b, sigma_m, is_neighbour, grids, AgreementOptions()
+        relative_poses, points_a, points_b, sigma_m, is_neighbour, grids, MAX_CONTRADICTED
     )
     assert explained[0] == 0.0
 
@@ -147,19 +146,22 @@ def test_options():
     assert agreement(found, off)[1] > 0.2
     for wider in ({"base_m": 0.5}, {"per_m": 0.15}, {"sigmas_of_rotation": 20.0}):
         # The poster is where the motion is surely known; the wall about it may be off by the rotation.
-        assert agreement(found, off, **wider)[1] < agreement(found, off)[1]
+        with with_constants(view_agreement, **wider):
+            wide = agreement(found, off)[1]
+        assert wide < agreement(found, off)[1]
 
-    def explained(is_neighbour=False, **options):
+    def explained(is_neighbour=False, max_contradicted=MAX_CONTRADICTED):
         pairs = found[0]
         return explained_shares(
             pairs, *found[1:], np.array([0.03]), np.array([is_neighbour]), off,
-            AgreementOptions(**options),
+            max_contradicted,
         )[0]  # fmt: skip
 
     assert explained() == 0.0
     assert explained(max_contradicted=0.9) > 0.0
     assert explained(is_neighbour=True) > 0.0  # a camera whose neighbours disagree as much
-    assert explained(is_neighbour=True, usual_factor=0.5) == 0.0
+    with with_constants(view_agreement, usual_factor=0.5):
+        assert explained(is_neighbour=True) == 0.0
     assert agreement(found, grids)[1] == 0.0
 
 
@@ -173,7 +175,7 @@ def test_matches_all_over_the_view_explain_more_than_those_on_a_poster():
 def test_no_pairs():
     none = RelativePoses(np.zeros((0, 2), dtype=int), np.zeros((0, 4, 4)), np.zeros(0, dtype=int))
     found = explained_shares(
-        none, [], [], np.zeros(0), np.zeros(0, bool), grids_of((A, *ROOM, 0)), AgreementOptions()
+        none, [], [], np.zeros(0), np.zeros(0, bool), grids_of((A, *ROOM, 0)), MAX_CONTRADICTED
     )
     assert found.shape == (0,)
 
@@ -227,8 +229,7 @@ def test_grids_in_a_file_are_those_in_memory(rng, monkeypatch):
     relative = RelativePoses(pairs, motions, np.full(6, 20))
     points = [CAMERA.lift(rng.uniform(10, 100, (20, 2)), np.full(20, 3.0)) for _ in range(6)]
     found, expected = (
-        compare(relative, points, points, np.full(6, 0.03), grids, AgreementOptions())
-        for grids in (mapped, in_memory)
+        compare(relative, points, points, np.full(6, 0.03), grids) for grids in (mapped, in_memory)
     )
     assert_array_equal(found.contradicted, expected.contradicted)
     assert_array_equal(found.likeness, expected.likeness)
@@ -244,7 +245,7 @@ def test_pairs_are_compared_in_parts_that_change_nothing(monkeypatch):
         np.array([20, 21, 22]),
     )
     points = [each[1][0] for each in found], [each[2][0] for each in found]
-    args = (relative_poses, *points, np.full(3, 0.03), grids, AgreementOptions())
+    args = (relative_poses, *points, np.full(3, 0.03), grids)
     whole = compare(*args)
     monkeypatch.setattr("planfit.matching.view_agreement.PAIRS_AT_A_TIME", 2)
     parts = compare(*args)

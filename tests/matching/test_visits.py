@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import look, random_transforms
 from planfit.geometry import se3
 from planfit.matching import Matches, RelativePoses, group_visits, relative_poses_of
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 
@@ -45,7 +44,7 @@ def test_pairs_of_two_stretches_are_one_visit_where_they_agree():
     motion = se3.inverse(poses[pairs[:, 0]]) @ poses[pairs[:, 1]]
     motion[4, 0, 3] += 4.0  # says otherwise of the same stretches
     found = RelativePoses(pairs, motion, np.full(6, 20))
-    visit = group_visits(found, poses, odometry, CycleConsistencyOptions())
+    visit = group_visits(found, poses, odometry)
     assert visit[0] == visit[1] == visit[2]
     assert len({int(visit[0]), int(visit[3]), int(visit[4])}) == 3
     assert visit[5] == -1  # neighbours on the walk are no visit

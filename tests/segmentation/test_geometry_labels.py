@@ -12,9 +12,6 @@ from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Label
 from planfit.scan.views import FilesView
-from planfit.segmentation import Gravity, SegmentationOptions, choose_back_end
-from planfit.segmentation.geometry_labels import GeometryLabelOptions
-from planfit.segmentation.label_kernels import CELL_M, label_level, label_walls
 from planfit.segmentation import (
     Gravity,
     SegmentationOptions,
@@ -22,7 +19,7 @@ from planfit.segmentation import (
     choose_back_end,
     geometry_labels,
 )
-from planfit.segmentation.kernels import CELL_M, label_level, label_walls
+from planfit.segmentation.label_kernels import CELL_M, label_level, label_walls
 from planfit.segmentation.visibility_map import Submap
 
 POSE = look([1.0, 2.0, 1.5], 10, 20)

@@ -79,11 +79,11 @@ def test_doors_are_gaps_in_the_plan():
 
 
 def test_walls_are_as_thick_as_asked():
-    b = building(n_rooms=6, wall_thickness_m=(0.17, 0.17), outer_wall_thickness_m=0.31)
+    b = building(n_rooms=6, wall_thickness_m=(0.17, 0.17))
     doors = [d.rect.size[0 if d.is_across_x else 1] for d in b.layout.doors]
     assert_allclose(doors, 0.17, atol=1e-9)
     outer = b.floorplan.ends.reshape(-1, 2).min(axis=0)
-    assert_allclose(outer, [-0.31, -0.31])
+    assert_allclose(outer, [-0.3, -0.3])
 
 
 def test_the_plan_reader_finds_the_same_free_sides():
@@ -117,10 +117,7 @@ def test_corridor_is_as_wide_as_asked_and_only_from_four_rooms_on():
 
 
 def test_extra_doors_make_circles():
-    few = building(n_rooms=9, extra_door_share=0.0)
-    many = building(n_rooms=9, extra_door_share=1.0)
-    assert len(few.layout.doors) == 8
-    assert len(many.layout.doors) > 10
+    assert len(building(n_rooms=9).layout.doors) > 8
 
 
 def test_open_plan_is_one_room_of_the_same_area():
@@ -216,7 +213,6 @@ def test_the_same_generator_gives_the_same_building():
         {"door_height_m": 2.7},
         {"corridor_width_m": 0.8},
         {"furniture_per_room": -1},
-        {"extra_door_share": 1.2},
     ],
 )
 def test_impossible_options_are_refused(options):

@@ -50,9 +50,9 @@ def points_of(synthetic, frame):
 
 def test_heights_are_storeys_and_slabs():
     synthetic = make_scan(
-        replace(OPTIONS, building=BuildingOptions(n_storeys=3, n_rooms=1, height_m=2.8, slab_m=0.4))
+        replace(OPTIONS, building=BuildingOptions(n_storeys=3, n_rooms=1, height_m=2.8))
     )
-    assert_allclose(synthetic.floors_z, [0.0, 3.2, 6.4])
+    assert_allclose(synthetic.floors_z, [0.0, 3.1, 6.2])
     assert len(synthetic.floorplans) == 3
     assert {ON_STAIRS, 0, 1, 2} == set(synthetic.frame_storeys)
     step = np.abs(np.diff(synthetic.true_plan_from_cams[:, 2, 3]))

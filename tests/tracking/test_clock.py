@@ -11,10 +11,8 @@ from scipy.interpolate import CubicSpline
 from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, judge_tracking
-from planfit.tracking.trajectory import frame_times, interpolate_trajectory
 from planfit.tracking import TrackingOptions, judge, judge_tracking
-from planfit.tracking.trajectory import frame_times, read_trajectory
+from planfit.tracking.trajectory import frame_times, interpolate_trajectory
 
 RATE_HZ = 30.0
 SIGMA_RAD, SIGMA_M = np.deg2rad(0.02), 0.0005

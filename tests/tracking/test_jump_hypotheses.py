@@ -8,7 +8,6 @@ from measured_walk import LAP, displaced, measure, three_laps
 
 from builders import make_matches
 from planfit.geometry import se3
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, judge_tracking, jump_hypotheses
 
@@ -32,7 +31,7 @@ def hypotheses(laps, poses, rng, undecided):
     tracking = replace(judged, undecided_steps=np.array(undecided))
     points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
     matches = make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points)
-    return jump_hypotheses(tracking, matches, VerifyOptions())
+    return jump_hypotheses(tracking, matches)
 
 
 def test_one_of_the_hypotheses_is_the_walk_as_it_was(laps, rng):

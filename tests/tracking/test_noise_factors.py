@@ -5,10 +5,11 @@ import pytest
 from measured_walk import displaced, measure, tracked, walk
 from numpy.testing import assert_allclose
 
+from builders import with_constants
 from planfit.geometry import se3
+from planfit.matching import verify
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import (
     EFFECTIVE_MATCHES,
@@ -30,14 +31,14 @@ def rng():
 def test_covariance_is_that_of_the_fit_of_so_many_points(rng):
     """The slow twin: the spread of motions fitted to the points with fresh noise."""
     n, sigma = int(EFFECTIVE_MATCHES), 0.02
-    options = VerifyOptions(sigma_base_m=sigma / np.sqrt(2), sigma_per_m=0.0)
     motion = se3.make_transform(se3.exp_so3(np.array([0.1, -0.2, 0.3])), np.array([0.3, 0.1, 0.0]))
     points_b = rng.uniform([-1, -1, 2], [1, 1, 4], (n, 3))
     points_a = se3.transform(motion, points_b)
     verified = VerifiedPairs(
         RelativePoses(np.array([[0, 1]]), motion[None], np.array([n])), [points_a], [points_b]
     )
-    found = measured_motions(verified, options).covariance[0]
+    with with_constants(verify, sigma_base_m=sigma / np.sqrt(2), sigma_per_m=0.0):
+        found = measured_motions(verified).covariance[0]
     fits = np.stack(
         [se3.fit_rigid(points_b, points_a + rng.normal(0, sigma, (n, 3))) for _ in range(4000)]
     )
@@ -50,7 +51,7 @@ def test_more_matches_than_are_worth_it_make_no_surer_motion(rng):
     def sigma_of(n):
         points = rng.uniform([-1, -1, 2], [1, 1, 4], (n, 3))
         relative = RelativePoses(np.array([[0, 1]]), np.eye(4)[None], np.array([n]))
-        motions = measured_motions(VerifiedPairs(relative, [points], [points]), VerifyOptions())
+        motions = measured_motions(VerifiedPairs(relative, [points], [points]))
         return np.sqrt(np.trace(motions.covariance[0]))
 
     assert sigma_of(2000) == pytest.approx(sigma_of(200), rel=0.1)

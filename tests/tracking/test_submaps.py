@@ -9,7 +9,6 @@ from measured_walk import LAP, displaced, measure, three_laps
 from builders import make_matches
 from planfit.findings import PoseKind
 from planfit.geometry import se3
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import OdometryOptions, usual_step
 from planfit.tracking import (
     TrackingOptions,
@@ -45,7 +44,7 @@ def revisits(poses, rng, at):
 
 
 def placed(tracking, matches):
-    return place_submaps(tracking, matches, VerifyOptions())
+    return place_submaps(tracking, matches)
 
 
 def test_only_long_steps_that_nothing_confirms_are_doubtful(laps, rng):

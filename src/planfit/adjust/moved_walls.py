@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
-from planfit.errors import require_positive
 from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside

@@ -32,7 +32,6 @@ from planfit.floorplan import Floorplan
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.runtime import short_repr
 
 
@@ -73,7 +72,6 @@ def close_loops_untorn(
     measurements: Measurements,
     level_from_cams: Float[np.ndarray, "n 4 4"],
     options: AdjustOptions,
-    consistency: CycleConsistencyOptions | None = None,
 ) -> ClosedLoops:
     """Close loops, give up the visits that tear a recorded step, and again, until no step is torn by one.
 
@@ -81,9 +79,7 @@ def close_loops_untorn(
         measurements: what the scan says.
         level_from_cams: poses as recorded, levelled.
         options: as for `close_loops`.
-        consistency: when two motions agree; by default as in matching.
     """
-    agreeing = consistency or CycleConsistencyOptions()
     is_dropped = np.zeros(len(measurements.matches.pairs), dtype=bool)
     left, dropped = measurements, []
     while True:  # ends, as each round drops a visit or is the last
@@ -91,7 +87,7 @@ def close_loops_untorn(
         torn = find_torn_steps(left, solution.target_from_cams, options.odometry)
         if not torn:
             break
-        is_false, visits = visits_that_tear(left, level_from_cams, torn, agreeing)
+        is_false, visits = visits_that_tear(left, level_from_cams, torn)
         if not visits:
             break
         dropped += visits

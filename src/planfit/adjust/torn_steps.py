@@ -17,7 +17,11 @@ from planfit.adjust.terms.odometry import OdometryTermOptions
 from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
-from planfit.matching.cycles import CycleConsistencyOptions, is_near
+from planfit.matching.cycles import (
+    SIGMA_ROTATION_DEG,
+    SIGMA_TRANSLATION_M,
+    is_near,
+)
 from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
 
@@ -119,7 +123,6 @@ def visits_that_tear(
     measurements: Measurements,
     recorded_from_cams: Float[np.ndarray, "n 4 4"],
     torn: tuple[TornStep, ...],
-    options: CycleConsistencyOptions,
 ) -> tuple[Bool[np.ndarray, " p"], tuple[DroppedVisit, ...]]:
     """Pairs (p,) of the visits that cannot be right where torn steps are, and those visits.
 
@@ -127,12 +130,11 @@ def visits_that_tear(
         measurements: those that were solved with.
         recorded_from_cams: recorded poses of the same frames, any axes.
         torn: see `find_torn_steps`.
-        options: when two motions agree, and the sigma of a verified one.
     """
     edges = relative_poses_of(measurements.matches)
-    visit = group_visits(edges, recorded_from_cams, measurements.odometry, options)
+    visit = group_visits(edges, recorded_from_cams, measurements.odometry)
     frame_idx = _frame_idx(measurements, len(recorded_from_cams))
-    ways = _LoopPaths(edges, visit, recorded_from_cams, measurements.odometry, options)
+    ways = _LoopPaths(edges, visit, recorded_from_cams, measurements.odometry)
     is_dropped, dropped = np.zeros(len(edges), dtype=bool), []
     for step in torn:
         s = int(np.searchsorted(frame_idx, step.frames[0]))
@@ -154,7 +156,6 @@ class _LoopPaths:
     visit: Int[np.ndarray, " p"]
     world_from_cams: Float[np.ndarray, "n 4 4"]
     odometry: Odometry
-    options: CycleConsistencyOptions
 
     def contradicting(self, step: int, is_left: Bool[np.ndarray, " p"]) -> list[int]:
         """Visits to give up among those that span a step.
@@ -190,7 +191,7 @@ class _LoopPaths:
             own = self.edges[self.visit == one]
             head = own[np.array([np.argmax(own.n_inliers)])]
             motion, *sigmas = graph.most_certain_path(head.pairs)
-            if is_near(head.a_from_b, motion, (sigmas[0], sigmas[1]), self.options)[0]:
+            if is_near(head.a_from_b, motion, (sigmas[0], sigmas[1]))[0]:
                 self._add(graph, own)
             else:
                 refused.append(one)
@@ -202,7 +203,7 @@ class _LoopPaths:
             np.array([[step, step + 1]])
         )
         recorded = self.odometry.cam_from_next[step][None]
-        return bool(is_near(motion, recorded, (sigmas[0], sigmas[1]), self.options)[0])
+        return bool(is_near(motion, recorded, (sigmas[0], sigmas[1]))[0])
 
     def _graph(
         self, odometry: Odometry, is_used: Bool[np.ndarray, " p"], step: int = 0
@@ -213,7 +214,7 @@ class _LoopPaths:
         return graph
 
     def _add(self, graph: LoopGraph, edges: RelativePoses) -> None:
-        sigmas = self.options.sigma_rotation_deg, self.options.sigma_translation_m
+        sigmas = SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M
         graph.add(edges.pairs, edges.a_from_b, *sigmas)
 
     def _without(self, step: int) -> Odometry:

@@ -4,9 +4,9 @@
 from planfit.as_built.compare import compare_as_built, judge_walls
 from planfit.as_built.deviations import Deviation, deviations, in_words, title
 from planfit.as_built.openings import (
+    SURE_SIGMAS,
     AsBuiltOpening,
     ClosedBy,
-    OpeningOptions,
     OpeningVerdict,
     counted_openings,
     opening_title,
@@ -17,13 +17,13 @@ from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict
 
 __all__ = [
     "AS_BUILT",
+    "SURE_SIGMAS",
     "AsBuilt",
     "AsBuiltOpening",
     "AsBuiltOptions",
     "AsBuiltWall",
     "ClosedBy",
     "Deviation",
-    "OpeningOptions",
     "OpeningVerdict",
     "Verdict",
     "compare_as_built",

@@ -7,11 +7,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.as_built.find_openings import find_openings
-from planfit.as_built.lines_of_sight import LinesOfSight, lines_of_sight, through_shares
+from planfit.as_built.lines_of_sight import (
+    HEIGHTS_M,
+    MIN_FRAMES,
+    LinesOfSight,
+    lines_of_sight,
+    through_shares,
+)
 from planfit.as_built.new_walls import find_new_walls
 from planfit.as_built.standing import Piece
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.as_built.wall_offsets import (
+    MIN_LENGTH_M,
     FaceOffset,
     PlacedWalls,
     find_offsets,
@@ -40,17 +47,16 @@ def compare_as_built(result: RefineResult, options: AsBuiltOptions | None = None
         raise OptionError(
             f"as built: expected a result on a plan, found {found}; refine the scan with its plan first"
         )
-    chosen, structure = options or AsBuiltOptions(), result.structure
+    structure = result.structure
     placed = place_walls(
         structure,
         result.floorplan,
         result.plan_from_cams,
         result.evidence.pose_covariances,
         _stretches(result),
-        chosen,
     )
     sight = lines_of_sight(structure, result.plan_from_cams, _floors_m(result))
-    return judge_walls(result.floorplan, placed, sight, chosen)
+    return judge_walls(result.floorplan, placed, sight, options or AsBuiltOptions())
 
 
 def judge_walls(
@@ -64,16 +70,16 @@ def judge_walls(
         sight: from `lines_of_sight`.
         options: tolerances.
     """
-    offsets = find_offsets(placed, floorplan, sight, options)
-    through = through_shares(sight, floorplan, options)
-    judged = np.flatnonzero(floorplan.lengths >= options.min_length_m)
+    offsets = find_offsets(placed, floorplan, sight)
+    through = through_shares(sight, floorplan, HEIGHTS_M, MIN_FRAMES)
+    judged = np.flatnonzero(floorplan.lengths >= MIN_LENGTH_M)
     ids, is_glass = element_ids(floorplan), are_glass(floorplan)
     of_plan = [
         _of_plan(floorplan, int(f), offsets, float(through[f]), ids[f], bool(is_glass[f]))
         for f in judged
     ]
-    found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight, options)
-    new = [_new(wall, placed, options) for wall in found]
+    found = find_new_walls(placed, ~_is_explained(placed, offsets), floorplan, sight)
+    new = [_new(wall, placed) for wall in found]
     source = floorplan.source
     file_from_plan = None if source.is_picture else source.file_from_plan
     walls = (*of_plan, *new)
@@ -113,7 +119,7 @@ def _of_plan(
     )
 
 
-def _new(wall: Piece, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWall:
+def _new(wall: Piece, placed: PlacedWalls) -> AsBuiltWall:
     middles, frames = placed.ends[wall.patch_idx].mean(axis=1), placed.frame_idx[wall.patch_idx]
     normals = np.broadcast_to(wall.normal, middles.shape)
     pose_m = placed.mean_pose_sigma_m(frames, middles, normals)
@@ -123,7 +129,7 @@ def _new(wall: Piece, placed: PlacedWalls, options: AsBuiltOptions) -> AsBuiltWa
         normal=wall.normal,
         is_oriented=True,
         offset_m=0.0,
-        sigma_m=offset_sigma(middles @ wall.normal, pose_m, options),
+        sigma_m=offset_sigma(middles @ wall.normal, pose_m),
         n_patches=len(wall.patch_idx),
         n_frames=len(np.unique(frames)),
         through_share=0.0,

@@ -6,7 +6,14 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool
 
-from planfit.as_built.lines_of_sight import BIN_M, END_M, LinesOfSight, frames_through
+from planfit.as_built.lines_of_sight import (
+    BIN_M,
+    END_M,
+    HEIGHTS_M,
+    MIN_FRAMES,
+    LinesOfSight,
+    frames_through,
+)
 from planfit.as_built.look_at_opening import look_at
 from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.standing import DEPTH_M
@@ -27,6 +34,8 @@ from planfit.geometry import segments
 
 BESIDE_M = 0.5
 """Walls that end so near to an opening, in its line, are the wall that it is in."""
+MIN_NEW_M = 0.5
+"""Width, m, that cameras look through of an opening that the plan lacks: that of the narrowest doors."""
 
 
 def find_openings(
@@ -40,7 +49,7 @@ def find_openings(
         placed: points of wall.
         sight: what is looked through.
     """
-    drawn = find_gaps(floorplan, as_built.options.openings.widths_m)
+    drawn = find_gaps(floorplan, as_built.options.opening_widths_m)
     found = [_seen(gap, True, as_built, floorplan, placed, sight) for gap in drawn]
     for gap in _undrawn(as_built, floorplan, sight):
         if not any(_is_one_place(gap, other) for other in drawn):
@@ -80,12 +89,12 @@ def _undrawn(as_built: AsBuilt, floorplan: Floorplan, sight: LinesOfSight) -> li
         np.ones(len(ends), dtype=bool),
         storeys=storeys,
     )
-    counts = frames_through(sight, standing, as_built.options)
+    counts = frames_through(sight, standing, HEIGHTS_M)
     sides, of_wall = [], []
     for k, n_frames in enumerate(counts):
-        for low, high in _runs(n_frames >= as_built.options.min_frames):
+        for low, high in _runs(n_frames >= MIN_FRAMES):
             at = END_M + BIN_M * np.array([low, high + 1.0])
-            if at[1] - at[0] >= as_built.options.openings.min_new_m - 1e-9:
+            if at[1] - at[0] >= MIN_NEW_M - 1e-9:
                 along = segments.directions(ends[k][None])[0]
                 sides.append(ends[k, 0] + at[:, None] * along)
                 of_wall.append(k)
@@ -149,7 +158,7 @@ def _seen(
     beside = [wall for wall in as_built.walls if _is_beside(wall, gap, floorplan)]
     # One that is not drawn was looked for where its wall stands.
     stands = replace(gap, ends=gap.ends + _offset_m(beside, gap) * gap.normal) if is_drawn else gap
-    seen = look_at(stands, placed, sight, as_built.options)
+    seen = look_at(stands, placed, sight)
     kind, element_id = opening_element(floorplan, gap) if is_drawn else ("", "")
     of_wall = next((wall.element_id for wall in beside if wall.element_id), "")
     return AsBuiltOpening(

@@ -6,7 +6,6 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.as_built.types import AsBuiltOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.segmentation import Structure
@@ -17,6 +16,14 @@ END_M = 0.1
 """This much of a face is left out at either end: poses and the drawing are off by centimetres."""
 MAX_POINTS = 800
 """Of a frame, evenly taken: so many lines of sight pass every decimetre of what it sees."""
+MIN_FRAMES = 3
+"""Frames that must look through a place of a wall or opening, or show what stands there: one or two err
+together."""
+BEYOND_M = 0.25
+"""A line of sight passes a face where it ends this far behind it, m."""
+HEIGHTS_M = (0.3, 1.9)
+"""Heights over the floor, m, between which lines of sight and points count: above are lintels, below are
+thresholds."""
 
 
 @dataclass(frozen=True)
@@ -95,18 +102,18 @@ def lines_of_sight(
 
 
 def through_shares(
-    sight: LinesOfSight, floorplan: Floorplan, options: AsBuiltOptions
+    sight: LinesOfSight, floorplan: Floorplan, heights_m: tuple[float, float], min_frames: int
 ) -> Float[np.ndarray, " f"]:
-    """Share of the length of each face that enough frames look through, either way."""
-    counts = frames_through(sight, floorplan, options)
-    return np.array([np.mean(n_frames >= options.min_frames) for n_frames in counts])
+    """Share of the length of each face that `min_frames` look through, either way, between two heights."""
+    counts = frames_through(sight, floorplan, heights_m)
+    return np.array([np.mean(n_frames >= min_frames) for n_frames in counts])
 
 
 def frames_through(
-    sight: LinesOfSight, floorplan: Floorplan, options: AsBuiltOptions
+    sight: LinesOfSight, floorplan: Floorplan, heights_m: tuple[float, float]
 ) -> list[Int[np.ndarray, " b"]]:
-    """How many frames look through each part of each face, either way; parts are `BIN_M` long, the first
-    begins `END_M` from the first end."""
+    """How many frames look through each part of each face, either way, between two heights; parts are `BIN_M`
+    long, the first begins `END_M` from the first end."""
     n_bins = np.maximum((floorplan.lengths - 2 * END_M) / BIN_M, 1.0).astype(int)
     first_bin = np.cumsum([0, *n_bins])
     n_frames = np.zeros(first_bin[-1], dtype=int)
@@ -118,7 +125,7 @@ def frames_through(
         if sight.storeys is not None and floorplan.storeys is not None:
             faces = faces[floorplan.storeys[faces] == sight.storeys[i]]
         passed = _passed(
-            points, eye, float(sight.floors_m[i]), floorplan, faces, n_bins[faces], options
+            points, eye, float(sight.floors_m[i]), floorplan, faces, n_bins[faces], heights_m
         )
         for face, bins in zip(faces, passed, strict=True):
             n_frames[first_bin[face] + bins] += 1
@@ -129,7 +136,6 @@ def crossings(
     sight: LinesOfSight,
     ends: Float[np.ndarray, "2 2"],
     storey: int | None,
-    options: AsBuiltOptions,
 ) -> tuple[Float[np.ndarray, " c"], Int[np.ndarray, " c"]]:
     """Where lines of sight pass a segment, m from its first end, and the frame of each."""
     along = segments.directions(ends[None])[0]
@@ -147,13 +153,13 @@ def crossings(
     )
     at_end = (points[:, :2] - ends[0]) @ normal
     at_eye = (eyes[:, :2] - ends[0]) @ normal
-    crosses = np.flatnonzero((at_end * at_eye < 0) & (np.abs(at_end) > options.beyond_m))
+    crosses = np.flatnonzero((at_end * at_eye < 0) & (np.abs(at_end) > BEYOND_M))
     eyes, points, frame = eyes[crosses], points[crosses], frame[crosses]
     share = at_eye[crosses] / (at_eye[crosses] - at_end[crosses])
     where = eyes + share[:, None] * (points - eyes)
     height = where[:, 2] - sight.floors_m[frame]
     at = (where[:, :2] - ends[0]) @ along
-    lowest, highest = options.heights_m
+    lowest, highest = HEIGHTS_M
     kept = (height > lowest) & (height < highest) & (at > 0) & (at < length)
     return at[kept], frame[kept]
 
@@ -175,16 +181,16 @@ def _passed(
     floorplan: Floorplan,
     faces: Int[np.ndarray, " k"],
     n_bins: Int[np.ndarray, " k"],
-    options: AsBuiltOptions,
+    heights_m: tuple[float, float],
 ) -> list[Int[np.ndarray, " b"]]:
     """Parts of each face that lines of sight of one frame pass."""
     normals, offsets = floorplan.normals[faces], floorplan.offsets[faces]
     at_eye = normals @ eye[:2] - offsets
     at_end = points[:, :2] @ normals.T - offsets  # (p, k) m
-    crosses = (at_end * at_eye < 0) & (np.abs(at_end) > options.beyond_m)
+    crosses = (at_end * at_eye < 0) & (np.abs(at_end) > BEYOND_M)
     share = np.where(crosses, at_eye / np.where(crosses, at_eye - at_end, 1.0), 0.0)
     height = eye[2] + share * (points[:, 2:] - eye[2]) - floor_m
-    low, high = options.heights_m
+    low, high = heights_m
     crosses &= (height > low) & (height < high)
     along, first = segments.directions(floorplan.ends[faces]), floorplan.ends[faces, 0]
     at = np.einsum("ki,ki->k", along, eye[:2] - first)

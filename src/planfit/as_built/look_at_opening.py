@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.as_built.lines_of_sight import BIN_M, END_M, LinesOfSight, crossings
-from planfit.as_built.types import AsBuiltOptions
+from planfit.as_built.lines_of_sight import (
+    BIN_M,
+    END_M,
+    HEIGHTS_M,
+    MIN_FRAMES,
+    LinesOfSight,
+    crossings,
+)
 from planfit.as_built.wall_offsets import PlacedWalls, offset_sigma
 from planfit.floorplan.gaps import Gap
 
@@ -25,6 +31,8 @@ JAMB_M, BESIDE_M = 0.15, (0.1, 0.6)
 and smeared depth lie between."""
 MIN_POINTS = 6
 """Of a frame, in the opening and beside it."""
+DEPTH_M = 0.06
+"""What stands no further than this before either side of the wall, m, is in the opening."""
 
 
 @dataclass(frozen=True)
@@ -76,30 +84,27 @@ class _Along:
         return float(reach[furthest[-1]]), frames[furthest]
 
 
-def look_at(
-    gap: Gap, placed: PlacedWalls, sight: LinesOfSight, options: AsBuiltOptions
-) -> OpeningSeen:
+def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> OpeningSeen:
     """What is seen of an opening where its wall stands.
 
     Args:
         gap: the opening, plan frame.
         placed: points of wall.
         sight: what is looked through.
-        options: see there.
     """
     along = (gap.ends[1] - gap.ends[0]) / gap.width_m
     wide = gap.ends + REACH_M * np.array([-along, along])
-    at, frame = crossings(sight, wide, gap.storey, options)
+    at, frame = crossings(sight, wide, gap.storey)
     through = _Along(at - REACH_M, frame)
-    surface = _surface(gap, along, wide, placed, sight, options)
+    surface = _surface(gap, along, wide, placed, sight)
     n_bins = max(int(round((gap.width_m - 2 * END_M) / BIN_M, 6)), 1)
-    is_open = through.frames_per_part(n_bins) >= options.min_frames
-    is_closed = (surface.frames_per_part(n_bins) >= options.min_frames) & ~is_open
+    is_open = through.frames_per_part(n_bins) >= MIN_FRAMES
+    is_closed = (surface.frames_per_part(n_bins) >= MIN_FRAMES) & ~is_open
     sides = [
-        _side(at_second, gap, along, through, surface, placed, options.min_frames)
+        _side(at_second, gap, along, through, surface, placed, MIN_FRAMES)
         for at_second in (False, True)
     ]
-    backs = [_set_back(sign, gap, along, placed, sight, options) for sign in (1.0, -1.0)]
+    backs = [_set_back(sign, gap, along, placed, sight) for sign in (1.0, -1.0)]
     return OpeningSeen(
         is_open,
         is_closed,
@@ -118,7 +123,6 @@ def _set_back(
     along: Float[np.ndarray, "2"],
     placed: PlacedWalls,
     sight: LinesOfSight,
-    options: AsBuiltOptions,
 ) -> tuple[float, float]:
     """How far what is seen in an opening from one side stands behind the wall beside it, and its sigma; NaN
     where too few frames show both.
@@ -126,26 +130,26 @@ def _set_back(
     Each frame is compared with itself, so what its pose is off does not count.
     """
     wide = gap.ends + BESIDE_M[1] * np.array([-along, along])
-    half_m, depth_m = gap.thickness_m / 2, options.openings.depth_m
-    near = placed.points_near(wide, half_m + depth_m, gap.storey)
+    half_m = gap.thickness_m / 2
+    near = placed.points_near(wide, half_m + DEPTH_M, gap.storey)
     relative, frame = placed.points[near, :2] - gap.ends[0], placed.point_frame_idx[near]
     eyes = placed.plan_from_cams[frame, :2, 3] - gap.ends[0]
     at, out_m = relative @ along, sign * (relative @ gap.normal)
     above_m = placed.points[near, 2] - sight.floors_m[frame]
-    low, high = options.heights_m
-    kept = (above_m > low) & (above_m < high) & (sign * (eyes @ gap.normal) > half_m + depth_m)
+    low, high = HEIGHTS_M
+    kept = (above_m > low) & (above_m < high) & (sign * (eyes @ gap.normal) > half_m + DEPTH_M)
     outside_m = np.maximum(-at, at - gap.width_m)
     is_wall = kept & (outside_m > BESIDE_M[0]) & (outside_m < BESIDE_M[1])
-    is_wall &= np.abs(out_m - half_m) <= depth_m
-    is_in = kept & (outside_m < -JAMB_M) & (np.abs(out_m) <= half_m + depth_m)
+    is_wall &= np.abs(out_m - half_m) <= DEPTH_M
+    is_in = kept & (outside_m < -JAMB_M) & (np.abs(out_m) <= half_m + DEPTH_M)
     backs = [
         float(np.median(out_m[is_wall & (frame == i)]) - np.median(out_m[is_in & (frame == i)]))
         for i in np.unique(frame[is_in])
         if min(np.sum(is_wall & (frame == i)), np.sum(is_in & (frame == i))) >= MIN_POINTS
     ]
-    if len(backs) < options.min_frames:
+    if len(backs) < MIN_FRAMES:
         return np.nan, np.nan
-    return float(np.median(backs)), offset_sigma(np.array(backs), 0.0, options)
+    return float(np.median(backs)), offset_sigma(np.array(backs), 0.0)
 
 
 def _surface(
@@ -154,14 +158,13 @@ def _surface(
     wide: Float[np.ndarray, "2 2"],
     placed: PlacedWalls,
     sight: LinesOfSight,
-    options: AsBuiltOptions,
 ) -> _Along:
     """Points of wall and of doors in the wall that an opening is in, beside it too."""
-    reach_m = gap.thickness_m / 2 + options.openings.depth_m
+    reach_m = gap.thickness_m / 2 + DEPTH_M
     near = placed.points_near(wide, reach_m, gap.storey)
     relative, frame = placed.points[near, :2] - gap.ends[0], placed.point_frame_idx[near]
     above_m = placed.points[near, 2] - sight.floors_m[frame]
-    low, high = options.heights_m
+    low, high = HEIGHTS_M
     kept = (np.abs(relative @ gap.normal) <= reach_m) & (above_m > low) & (above_m < high)
     return _Along((relative @ along)[kept], frame[kept])
 

@@ -8,9 +8,8 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from planfit.as_built.lines_of_sight import LinesOfSight
+from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight
 from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
-from planfit.as_built.types import AsBuiltOptions
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
 
@@ -22,6 +21,8 @@ PARALLEL = 0.97
 """Cosine between normals of faces that are in line with a new wall."""
 BIN_M, MIN_POINTS = 0.1, 3
 """A line is looked at in parts of this length, shown by so many points."""
+MIN_PATCHES, MIN_LENGTH_M = 3, 0.6
+"""Wall patches that a new wall consists of, and its length, m, at least."""
 
 
 def find_new_walls(
@@ -29,7 +30,6 @@ def find_new_walls(
     is_open: Bool[np.ndarray, " k"],
     floorplan: Floorplan,
     sight: LinesOfSight,
-    options: AsBuiltOptions,
 ) -> list[Piece]:
     """Walls that patches of no face make up, the longest first.
 
@@ -38,7 +38,6 @@ def find_new_walls(
         is_open: those that no face stands for.
         floorplan: as drawn: where it draws a wall in line, none is new.
         sight: what is seen over is no wall.
-        options: of how many patches a wall is, how long and how high, at least.
     """
     of_patches = placed.storeys_of_patches
     above_m = placed.points[:, 2] - sight.floors_m[placed.point_frame_idx]
@@ -48,12 +47,12 @@ def find_new_walls(
         plan = floorplan if floorplan.storeys is None else floorplan.of_storey(int(storey))
         found = []
         for group in _in_line(placed.normals[idx], placed.ends[idx], placed.lengths[idx]):
-            if len(group) >= options.min_new_patches:
-                found += _pieces_of(placed, idx[group], plan, above_m, options)
+            if len(group) >= MIN_PATCHES:
+                found += _pieces_of(placed, idx[group], plan, above_m)
         if floorplan.storeys is not None:
             found = [replace(piece, storey=int(storey)) for piece in found]
         pieces += found
-    walls = [p for p, ok in zip(pieces, are_walls(pieces, sight, options), strict=True) if ok]
+    walls = [p for p, ok in zip(pieces, are_walls(pieces, sight), strict=True) if ok]
     return sorted(walls, key=lambda w: (-np.linalg.norm(w.ends[1] - w.ends[0]), *w.ends[0]))
 
 
@@ -62,7 +61,6 @@ def _pieces_of(
     patch_idx: Int[np.ndarray, " g"],
     floorplan: Floorplan,
     above_m: Float[np.ndarray, " m"],
-    options: AsBuiltOptions,
 ) -> list[Piece]:
     """Parts of a line of patches that points show, where no face is drawn in line."""
     length = placed.lengths[patch_idx]
@@ -76,15 +74,15 @@ def _pieces_of(
     at, above_m = placed.points[which, :2] @ along, above_m[which]
     first = at.min()
     bins = ((at - first) / BIN_M).astype(int)
-    is_low = above_m < options.heights_m[1]  # what is above may be the lintel of a door
+    is_low = above_m < HEIGHTS_M[1]  # what is above may be the lintel of a door
     shown = np.bincount(bins[is_low], minlength=bins.max() + 1) >= MIN_POINTS
     shown &= ~_is_drawn(first + BIN_M * (np.arange(len(shown)) + 0.5), normal, across, floorplan)
     pieces = []
     for low, high in _runs(shown):
         own = (bins >= low) & (bins <= high)
         patches = np.unique(of_patch[own])
-        is_long = (high - low + 1) * BIN_M >= options.min_new_length_m
-        if is_long and len(patches) >= options.min_new_patches:
+        is_long = (high - low + 1) * BIN_M >= MIN_LENGTH_M
+        if is_long and len(patches) >= MIN_PATCHES:
             stands = first + BIN_M * np.array([low, high + 1])
             ends = across * normal + stands[:, None] * along
             behind = _has_wall_behind(ends, normal, floorplan)

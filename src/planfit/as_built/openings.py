@@ -33,29 +33,17 @@ class ClosedBy(Enum):
 
 
 SURE_SIGMAS = 2.0
-"""Set back, or flush, is believed where it is so by this many sigmas."""
-
-
-@dataclass(frozen=True)
-class OpeningOptions:
-    """When an opening is open, closed or new."""
-
-    widths_m: tuple[float, float] = (0.5, 3.0)
-    """Narrowest and widest gap of a wall that is an opening."""
-    min_open_m: float = 0.3
-    """Of the width of an opening that is open, cameras look through so much, or half where that is less: a
-    door may stand half open, and a window begins above a sill."""
-    min_closed_share: float = 0.5
-    """Of the width of an opening that is closed, so much shows wall or a door."""
-    min_new_m: float = 0.5
-    """Of the width of an opening that the plan lacks, cameras look through so much."""
-    depth_m: float = 0.06
-    """What stands no further than this before either side of the wall is in it."""
-    leaf_back_m: float = 0.03
-    """What closes an opening is a door where it surely stands back from a face of its wall by more than this,
-    and wall where it surely does from neither, and the wall is thicker than a leaf by more than this."""
-    leaf_m: float = 0.045
-    """Thickness of the leaf of a door, at most."""
+"""Standard deviations that a value is clear of a limit by where it is sure which side of that it lies on."""
+MIN_OPEN_M = 0.3
+"""Width of an opening, m, that cameras look through where it is open, or half its width where that is less: a
+door may stand half open, and a window begins above a sill."""
+MIN_CLOSED_SHARE = 0.5
+"""Share of the width of a closed opening that shows wall or a door."""
+LEAF_BACK_M = 0.03
+"""What closes an opening is a door where it surely stands back from a face of its wall by more than this, m,
+and wall where it surely does from neither, and the wall is thicker than a leaf by more than this."""
+LEAF_M = 0.045
+"""Maximum thickness of the leaf of a door, m."""
 
 
 @dataclass(frozen=True)
@@ -121,55 +109,57 @@ class AsBuiltOpening:
         along = (self.ends[1] - self.ends[0]) / self.drawn_width_m
         return self.ends[0] + np.array(self.edges_m)[:, None] * along
 
-    def verdict(self, options: OpeningOptions) -> OpeningVerdict:
+    @property
+    def verdict(self) -> OpeningVerdict:
         """What became of it."""
         if not self.is_drawn:
             return OpeningVerdict.NEW
-        enough = min(options.min_open_m / self.drawn_width_m, 0.5)
+        enough = min(MIN_OPEN_M / self.drawn_width_m, 0.5)
         if self.open_share >= enough:
             return OpeningVerdict.OPEN
-        if self.closed_share >= options.min_closed_share:
+        if self.closed_share >= MIN_CLOSED_SHARE:
             return OpeningVerdict.CLOSED
         return OpeningVerdict.NOT_SEEN
 
-    def closed_by(self, options: OpeningOptions) -> ClosedBy:
+    @property
+    def closed_by(self) -> ClosedBy:
         """What closes it, where it is closed."""
         back_m = np.array(self.set_back_m)
         reach_m = SURE_SIGMAS * np.array(self.set_back_sigmas_m)
-        if np.any(back_m - reach_m > options.leaf_back_m):
+        if np.any(back_m - reach_m > LEAF_BACK_M):
             return ClosedBy.DOOR
         # A leaf may be flush with one face of a wall, or with both of a thin one.
-        is_thick = self.thickness_m > options.leaf_m + options.leaf_back_m
-        if is_thick and np.all(np.abs(back_m) + reach_m < options.leaf_back_m):
+        is_thick = self.thickness_m > LEAF_M + LEAF_BACK_M
+        if is_thick and np.all(np.abs(back_m) + reach_m < LEAF_BACK_M):
             return ClosedBy.WALL
         return ClosedBy.UNKNOWN
 
-    def word_of_closing(self, options: OpeningOptions) -> str | None:
+    @property
+    def word_of_closing(self) -> str | None:
         """What closes it, in a word for files; None where it is not closed."""
-        is_closed = self.verdict(options) is OpeningVerdict.CLOSED
-        return self.closed_by(options).value if is_closed else None
+        is_closed = self.verdict is OpeningVerdict.CLOSED
+        return self.closed_by.value if is_closed else None
 
-    def differs(self, options: OpeningOptions) -> bool:
+    @property
+    def differs(self) -> bool:
         """Whether it is not as planned. Windows are closed, and are planned so."""
-        verdict = self.verdict(options)
+        verdict = self.verdict
         return verdict is OpeningVerdict.NEW or (
             verdict is OpeningVerdict.CLOSED and self.kind != "window"
         )
 
 
-def counted_openings(
-    openings: Sequence[AsBuiltOpening], options: OpeningOptions
-) -> dict[OpeningVerdict, int]:
+def counted_openings(openings: Sequence[AsBuiltOpening]) -> dict[OpeningVerdict, int]:
     """How many openings have each verdict, in the order of `OpeningVerdict`."""
-    verdicts = [opening.verdict(options) for opening in openings]
+    verdicts = [opening.verdict for opening in openings]
     return {one: verdicts.count(one) for one in OpeningVerdict}
 
 
-def opening_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+def opening_words(opening: AsBuiltOpening) -> str:
     """One verdict: "open: 0.912 m wide (± 0.021 m), drawn 0.900 m, shifted by +0.013 m"."""
-    verdict = opening.verdict(options)
+    verdict = opening.verdict
     if verdict is OpeningVerdict.CLOSED:
-        return _closed_words(opening, options)
+        return _closed_words(opening)
     if verdict is OpeningVerdict.NOT_SEEN:
         return "not seen"
     width = "its sides were not both seen"
@@ -186,11 +176,11 @@ def opening_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
     return f"open: {width}, {drawn}"
 
 
-def _closed_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+def _closed_words(opening: AsBuiltOpening) -> str:
     seen = f"seen in {opening.closed_share:.0%} of its width, {opening.n_surface_frames} frames"
     if opening.kind == "window":
         return f"closed: a pane, a shutter or wall is {seen}"
-    by = opening.closed_by(options)
+    by = opening.closed_by
     if by is ClosedBy.DOOR:
         k = int(np.nanargmax(opening.set_back_m))
         return (
@@ -205,16 +195,16 @@ def _closed_words(opening: AsBuiltOpening, options: OpeningOptions) -> str:
     return f"closed, by a shut door or walled up, which the scan does not tell: {seen}; {why}"
 
 
-def opening_title(opening: AsBuiltOpening, options: OpeningOptions) -> str:
+def opening_title(opening: AsBuiltOpening) -> str:
     """What happened to an opening, and where: for lists of issues."""
     what = {
         OpeningVerdict.OPEN: "Opening is open",
         OpeningVerdict.CLOSED: "Opening is closed",
         OpeningVerdict.NOT_SEEN: "Opening was not seen",
         OpeningVerdict.NEW: "Opening that the plan does not draw",
-    }[opening.verdict(options)]
-    if opening.verdict(options) is OpeningVerdict.CLOSED and opening.kind != "window":
-        what = f"Opening is closed ({opening.closed_by(options).value})"
+    }[opening.verdict]
+    if opening.verdict is OpeningVerdict.CLOSED and opening.kind != "window":
+        what = f"Opening is closed ({opening.closed_by.value})"
     if opening.kind and opening.is_drawn:
         what = what.replace("Opening", opening.kind.capitalize())
     x, y = opening.ends.mean(axis=0)

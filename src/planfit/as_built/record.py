@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,7 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
         ],
         "openings": [
             {
-                "verdict": opening.verdict(as_built.options.openings).value,
+                "verdict": opening.verdict.value,
                 "is_drawn": opening.is_drawn,
                 "kind": opening.kind,
                 "element_id": opening.element_id,
@@ -56,7 +56,7 @@ def as_built_record(as_built: AsBuilt) -> dict[str, Any]:
                 "surface_frames": opening.n_surface_frames,
                 "edges_m": [_known(value) for value in opening.edges_m],
                 "edge_sigmas_m": [_known(value) for value in opening.edge_sigmas_m],
-                "closed_by": opening.word_of_closing(as_built.options.openings),
+                "closed_by": opening.word_of_closing,
                 "set_back_m": [_known(value) for value in opening.set_back_m],
                 "set_back_sigmas_m": [_known(value) for value in opening.set_back_sigmas_m],
             }
@@ -96,7 +96,7 @@ def read_as_built(folder: Path) -> AsBuilt:
         matrix = record["file_from_plan"]
         return AsBuilt(
             tuple(_wall(row) for row in record["walls"]),
-            options_of(record["options"], AsBuiltOptions(), f"{path}: "),
+            _options(record["options"], f"{path}: "),
             str(record["plan"]),
             None if matrix is None else np.array(matrix, dtype=float).reshape(3, 3),
             float(record["elevation_m"]),
@@ -115,6 +115,12 @@ def read_as_built(folder: Path) -> AsBuilt:
         raise ScanError(
             f"{path}: expected the walls of a run as built, found a damaged file; run 'planfit refine' again"
         ) from error
+
+
+def _options(values: Mapping[str, Any], where: str) -> AsBuiltOptions:
+    # Runs of older versions name options that are none any more; their verdicts stand as they were.
+    known = {one.name: values[one.name] for one in fields(AsBuiltOptions) if one.name in values}
+    return options_of(known, AsBuiltOptions(), where)
 
 
 def _wall(row: Mapping[str, Any]) -> AsBuiltWall:

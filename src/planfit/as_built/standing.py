@@ -6,13 +6,12 @@ front, and no line of sight passes over it, as some do over most cupboards and n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.as_built.lines_of_sight import LinesOfSight, through_shares
-from planfit.as_built.types import AsBuiltOptions
+from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight, through_shares
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 
@@ -23,6 +22,11 @@ MAX_OVER_SHARE = 0.1
 benchmarks/as_built.py none passes any wall, and 0.14 or more of the cupboards that are seen over at all."""
 DEPTH_M = (0.3, 0.8)
 """Of cupboards, from their front to the wall behind."""
+MIN_TOP_M = 2.15
+"""Height over the floor, m, that wall where none is drawn is seen up to, if it is no longer than cupboards
+are."""
+MAX_CUPBOARD_M = (0.9, 1.6)
+"""Length, m, of what may be the side of a cupboard; of what may be its front, a wall being drawn behind."""
 CEILING_M = 10.0
 """Lines of sight count up to here."""
 
@@ -50,9 +54,7 @@ def top_of(above_floor_m: Float[np.ndarray, " m"]) -> float:
     return float(np.quantile(known, TOP_QUANTILE)) if len(known) else 0.0
 
 
-def are_walls(
-    pieces: Sequence[Piece], sight: LinesOfSight, options: AsBuiltOptions
-) -> Bool[np.ndarray, " s"]:
+def are_walls(pieces: Sequence[Piece], sight: LinesOfSight) -> Bool[np.ndarray, " s"]:
     """Whether each piece is wall."""
     if not pieces:
         return np.zeros(0, dtype=bool)
@@ -67,9 +69,8 @@ def are_walls(
         np.ones(len(pieces), dtype=bool),
         storeys=storeys,
     )
-    anywhere = replace(options, heights_m=(options.heights_m[0], CEILING_M), min_frames=1)
-    is_over = through_shares(sight, drawn, anywhere) > MAX_OVER_SHARE
-    is_high = np.array([piece.top_m >= options.min_top_m for piece in pieces])
-    side_m, front_m = options.max_cupboard_m
+    is_over = through_shares(sight, drawn, (HEIGHTS_M[0], CEILING_M), 1) > MAX_OVER_SHARE
+    is_high = np.array([piece.top_m >= MIN_TOP_M for piece in pieces])
+    side_m, front_m = MAX_CUPBOARD_M
     most_m = np.where([piece.has_wall_behind for piece in pieces], front_m, side_m)
     return is_high | (~is_over & (segments.lengths(ends) > most_m))

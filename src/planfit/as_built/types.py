@@ -1,15 +1,14 @@
 """Verdicts on the walls of a plan, and on those that it lacks."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.association import AssociationOptions
-from planfit.as_built.openings import AsBuiltOpening, OpeningOptions
-from planfit.errors import require_positive, require_share
+from planfit.as_built.openings import SURE_SIGMAS, AsBuiltOpening
+from planfit.errors import require_positive
 from planfit.runtime import short_repr
 
 
@@ -28,66 +27,23 @@ class Verdict(Enum):
     """It stands, and the plan does not draw it."""
 
 
+MIN_THROUGH_SHARE = 0.5
+"""Share of a wall's length that is looked through where it is missing; a door of 1 m in a wall of 2.5 m
+is 0.4."""
+
+
 @dataclass(frozen=True)
 class AsBuiltOptions:
-    """When a wall agrees with its drawing, was moved, is missing, or is new."""
+    """When a wall agrees with its drawing, and how wide openings are."""
 
     tolerance_m: float = 0.05
     """A wall that stands off by no more agrees. What else is measured does not depend on it, so that it can
     be chosen again when results are looked at."""
-    sure_sigmas: float = 2.0
-    """A verdict is sure where the tolerance lies so many standard deviations from the offset."""
-    max_offset_m: float = 0.7
-    """Wall further off than this is another wall."""
-    as_drawn_m: float = 0.07
-    """Wall patches this near to a face as drawn are of that face; what is further is looked at once these are
-    told."""
-    within_m: float = 0.05
-    """Patches agree on an offset within this."""
-    min_moved_patches: int = 2
-    """Patches that must agree on an offset beyond `as_drawn_m`: one alone may be a cupboard."""
-    min_moved_share: float = 0.6
-    """Share of the length of patches, of those as drawn and those that agree, that must agree on such an
-    offset: of a wall behind cupboards, some is seen between them."""
-    min_length_m: float = 0.5
-    """Shorter faces are ends of walls and jambs of doors, and are not judged."""
-    min_through_share: float = 0.5
-    """Share of a wall's length that is looked through where it is missing; a door of 1 m in a wall of 2.5 m
-    is 0.4."""
-    min_frames: int = 3
-    """Frames that must look through a place of a wall that is missing, or show a wall that no patch is of."""
-    beyond_m: float = 0.25
-    """A line of sight passes a face where it ends this far behind."""
-    heights_m: tuple[float, float] = (0.3, 1.9)
-    """Over the floor, between which lines of sight count: above are lintels, below are thresholds."""
-    min_new_patches: int = 3
-    """Wall patches that a new wall consists of, at least."""
-    min_new_length_m: float = 0.6
-    """Length of a new wall, at least."""
-    min_top_m: float = 2.15
-    """Wall where none is drawn is seen up to this height over the floor, or is longer than cupboards are."""
-    max_cupboard_m: tuple[float, float] = (0.9, 1.6)
-    """Length of what may be the side of a cupboard; of what may be its front, a wall being drawn behind."""
-    min_part_m: float = 0.2
-    """Length of a face that each of those frames must show."""
-    floor_sigma_m: float = 0.004
-    """Of any offset, at least: what depth errs by alike for all who see a wall."""
-    association: AssociationOptions = field(default_factory=AssociationOptions)
-    """Which faces a wall patch may be of."""
-    openings: OpeningOptions = field(default_factory=OpeningOptions)
-    """When a door, window or passage is open, closed or new."""
+    opening_widths_m: tuple[float, float] = (0.5, 3.0)
+    """Narrowest and widest gap of a wall that is a door, window or passage."""
 
     def __post_init__(self) -> None:
-        require_positive(
-            self,
-            "tolerance_m",
-            "max_offset_m",
-            "as_drawn_m",
-            "within_m",
-            "min_length_m",
-            "beyond_m",
-        )
-        require_share(self, "min_through_share", "min_moved_share")
+        require_positive(self, "tolerance_m")
 
 
 @dataclass(frozen=True)
@@ -177,7 +133,7 @@ class AsBuilt:
             return Verdict.NEW
         if wall.is_standing:
             return Verdict.MOVED if abs(wall.offset_m) > tolerance else Verdict.AGREES
-        is_missing = wall.through_share >= self.options.min_through_share and not wall.is_glass
+        is_missing = wall.through_share >= MIN_THROUGH_SHARE and not wall.is_glass
         return Verdict.MISSING if is_missing else Verdict.NOT_SEEN
 
     def is_sure(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> bool:
@@ -185,7 +141,7 @@ class AsBuilt:
         tolerance = self.options.tolerance_m if tolerance_m is None else tolerance_m
         if wall.face_idx < 0 or not wall.is_standing:
             return True
-        return abs(abs(wall.offset_m) - tolerance) > self.options.sure_sigmas * wall.sigma_m
+        return abs(abs(wall.offset_m) - tolerance) > SURE_SIGMAS * wall.sigma_m
 
     def verdicts(self, tolerance_m: float | None = None) -> tuple[Verdict, ...]:
         """Of all walls."""

@@ -15,11 +15,10 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.association import associate, wall_patches_in_plan
+from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
 from planfit.adjust.moved_walls import nearest_unexplained
-from planfit.as_built.lines_of_sight import LinesOfSight
+from planfit.as_built.lines_of_sight import MIN_FRAMES, LinesOfSight
 from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
-from planfit.as_built.types import AsBuiltOptions
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.segmentation import Structure
@@ -32,6 +31,24 @@ MIN_POINTS = 8
 """Of a frame, that tell where a face stands."""
 NEAR_FACTOR = 3.0
 """Points up to this many times the distance of those as drawn are looked at beside them."""
+MAX_OFFSET_M = 0.7
+"""Wall further off than this, m, is another wall."""
+AS_DRAWN_M = 0.07
+"""Wall patches this near to a face as drawn, m, are of that face; what is further is looked at once these are
+known."""
+WITHIN_M = 0.05
+"""Patches agree on an offset within this, m."""
+MIN_MOVED_PATCHES = 2
+"""Patches that must agree on an offset beyond `AS_DRAWN_M`: one alone may be a cupboard."""
+MIN_MOVED_SHARE = 0.6
+"""Share of the length of patches, of those as drawn and those that agree, that must agree on such an offset:
+of a wall behind cupboards, some is seen between them."""
+MIN_LENGTH_M = 0.5
+"""Shorter faces, m, are ends of walls and jambs of doors, and are not judged."""
+MIN_PART_M = 0.2
+"""Length of a face, m, that each frame must show of one that hardly any patch is of."""
+FLOOR_SIGMA_M = 0.004
+"""Minimum sigma of an offset, m: what depth errs by alike for all who see a wall."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +159,6 @@ def place_walls(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     pose_covariances: Float[np.ndarray, "n 6 6"],
     stretch: Int[np.ndarray, " n"],
-    options: AsBuiltOptions,
 ) -> PlacedWalls:
     """Wall in the plan frame, and the face of each patch: the nearest as drawn, else, of those within reach,
     that which it lies beside.
@@ -153,20 +169,17 @@ def place_walls(
         plan_from_cams: refined poses.
         pose_covariances: of these [rad^2, rad m, m^2], tangents (rotation, translation), plan axes.
         stretch: of the walk, that each pose is of.
-        options: see there.
     """
-    patches, storeys = structure.walls, structure.storeys
-    drawn = associate(
-        patches, floorplan, plan_from_cams, options.as_drawn_m, options.association, storeys
-    )
+    patches, storeys, association = structure.walls, structure.storeys, AssociationOptions()
+    drawn = associate(patches, floorplan, plan_from_cams, AS_DRAWN_M, association, storeys)
     has_face = drawn.face_idx >= 0
     elsewhere, off_m = nearest_unexplained(
         patches,
         ~has_face,
         floorplan,
         plan_from_cams,
-        options.association,
-        options.max_offset_m,
+        association,
+        MAX_OFFSET_M,
         storeys,
     )
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
@@ -189,7 +202,7 @@ def place_walls(
 
 
 def find_offsets(
-    placed: PlacedWalls, floorplan: Floorplan, sight: LinesOfSight, options: AsBuiltOptions
+    placed: PlacedWalls, floorplan: Floorplan, sight: LinesOfSight
 ) -> dict[int, FaceOffset]:
     """Where the faces stand that enough patches agree on, or, where there are few, enough frames as drawn.
 
@@ -197,30 +210,29 @@ def find_offsets(
         placed: patches and points in the plan frame.
         floorplan: as drawn.
         sight: what is seen over is no wall that was moved.
-        options: see there.
     """
     found = {}
     for face in np.unique(placed.face_idx[placed.face_idx >= 0]):
         own = np.flatnonzero(placed.face_idx == face)
-        agree = own[_most_agreed(placed.offset_m[own], placed.lengths[own], options)]
+        agree = own[_most_agreed(placed.offset_m[own], placed.lengths[own])]
         offset_m = placed.offset_m[agree]
         offset, frames = float(np.median(offset_m)), placed.frame_idx[agree]
-        if abs(offset) > options.as_drawn_m and len(agree) < options.min_moved_patches:
+        if abs(offset) > AS_DRAWN_M and len(agree) < MIN_MOVED_PATCHES:
             continue
         normals = np.broadcast_to(floorplan.normals[face], (len(agree), 2))
         pose_m = placed.mean_pose_sigma_m(frames, placed.ends[agree].mean(axis=1), normals)
-        sigma = offset_sigma(offset_m, pose_m, options)
+        sigma = offset_sigma(offset_m, pose_m)
         found[int(face)] = FaceOffset(offset, sigma, agree, np.unique(frames))
     # What stands nearer to where a wall is drawn, or behind that, is no cupboard before it.
     moved = [face for face, one in found.items() if _is_before(one.offset_m, face, floorplan)]
     pieces = [_piece(placed, floorplan, face, found[face], sight) for face in moved]
-    for face, is_wall in zip(moved, are_walls(pieces, sight, options), strict=True):
+    for face, is_wall in zip(moved, are_walls(pieces, sight), strict=True):
         if not is_wall:
             del found[face]
-    for face in np.flatnonzero(floorplan.lengths >= options.min_length_m):
+    for face in np.flatnonzero(floorplan.lengths >= MIN_LENGTH_M):
         known = found.get(int(face))
-        if known is None or len(known.frame_idx) < options.min_frames:
-            by_points = _by_points(placed, floorplan, int(face), options)
+        if known is None or len(known.frame_idx) < MIN_FRAMES:
+            by_points = _by_points(placed, floorplan, int(face))
             if by_points is not None:
                 patch_idx = by_points.patch_idx if known is None else known.patch_idx
                 found[int(face)] = replace(by_points, patch_idx=patch_idx)
@@ -255,15 +267,13 @@ def _piece(
     )
 
 
-def _by_points(
-    placed: PlacedWalls, floorplan: Floorplan, face: int, options: AsBuiltOptions
-) -> FaceOffset | None:
+def _by_points(placed: PlacedWalls, floorplan: Floorplan, face: int) -> FaceOffset | None:
     """Where a face stands, as drawn, that hardly any patch is of, by points of wall near it, frame by frame.
 
     Few points are seen of a short wall, and a long patch in line reaches over it.
     """
-    near, at, off_m = _near_face(placed, floorplan, face, NEAR_FACTOR * options.as_drawn_m)
-    is_drawn = np.abs(off_m) <= options.as_drawn_m
+    near, at, off_m = _near_face(placed, floorplan, face, NEAR_FACTOR * AS_DRAWN_M)
+    is_drawn = np.abs(off_m) <= AS_DRAWN_M
     frames, offsets, places = [], [], []
     for frame in np.unique(placed.point_frame_idx[near]):
         of_frame = placed.point_frame_idx[near] == frame
@@ -271,16 +281,16 @@ def _by_points(
         # Else what lies at the border of "as drawn" is the edge of something that stands elsewhere.
         if own.sum() < max(MIN_POINTS, 0.5 * of_frame.sum()):
             continue
-        if np.subtract(*np.quantile(at[own], [0.95, 0.05])) >= options.min_part_m:
+        if np.subtract(*np.quantile(at[own], [0.95, 0.05])) >= MIN_PART_M:
             frames.append(int(frame))
             offsets.append(float(np.median(off_m[own])))
             places.append(placed.points[near[own], :2].mean(axis=0))
-    if len(frames) < options.min_frames:
+    if len(frames) < MIN_FRAMES:
         return None
     frame_idx, offset_m = np.array(frames), np.array(offsets)
     normals = np.broadcast_to(floorplan.normals[face], (len(frames), 2))
     pose_m = placed.mean_pose_sigma_m(frame_idx, np.array(places), normals)
-    sigma = offset_sigma(offset_m, pose_m, options)
+    sigma = offset_sigma(offset_m, pose_m)
     none = np.zeros(0, dtype=int)
     return FaceOffset(float(np.median(offset_m)), sigma, none, frame_idx)
 
@@ -304,27 +314,26 @@ def _near_face(
 
 
 def _most_agreed(
-    offset_m: Float[np.ndarray, " p"], length_m: Float[np.ndarray, " p"], options: AsBuiltOptions
+    offset_m: Float[np.ndarray, " p"], length_m: Float[np.ndarray, " p"]
 ) -> Int[np.ndarray, " a"]:
     """Of some patches, those about the offset that the greatest length of them agrees on; those as drawn, if
     that is not by far more than theirs."""
-    near = np.abs(offset_m[:, None] - offset_m) <= options.within_m
+    near = np.abs(offset_m[:, None] - offset_m) <= WITHIN_M
     most = int(np.argmax(near @ length_m))
-    agree, drawn = near[most], np.abs(offset_m) <= options.as_drawn_m
-    if abs(float(np.median(offset_m[agree]))) > options.as_drawn_m and drawn.any():
+    agree, drawn = near[most], np.abs(offset_m) <= AS_DRAWN_M
+    if abs(float(np.median(offset_m[agree]))) > AS_DRAWN_M and drawn.any():
         share = length_m[agree].sum() / length_m[agree | drawn].sum()
-        agree = agree if share >= options.min_moved_share else drawn
+        agree = agree if share >= MIN_MOVED_SHARE else drawn
     return np.flatnonzero(agree)
 
 
 def offset_sigma(
     offset_m: Float[np.ndarray, " p"],
     pose_sigma_m: float,
-    options: AsBuiltOptions,
 ) -> float:
     """Standard deviation of the median of some offsets, given that of what the poses add to it."""
     squares = np.sum((offset_m - offset_m.mean()) ** 2) + SCATTER_FRAMES * SCATTER_M**2
     scatter = squares / (len(offset_m) + SCATTER_FRAMES - 1.0)
     # A median varies by pi / 2 times what a mean does.
     of_scatter = np.pi / 2 * scatter / len(offset_m)
-    return float(np.sqrt(of_scatter + pose_sigma_m**2 + options.floor_sigma_m**2))
+    return float(np.sqrt(of_scatter + pose_sigma_m**2 + FLOOR_SIGMA_M**2))

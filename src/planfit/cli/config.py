@@ -9,10 +9,8 @@ from typing import Any, TypeVar
 import tyro
 
 from planfit.cli.commands import looks_like_flag, plain_name
-from planfit.errors import OptionError
 from planfit.cli.gone_options import refuse_gone
-from planfit.errors import OptionError, ScanError
-from planfit.export.option_files import FILES_OF_SCAN
+from planfit.errors import OptionError
 from planfit.runtime import options_of
 
 Options = TypeVar("Options")

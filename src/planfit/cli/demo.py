@@ -26,7 +26,7 @@ from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, 
 
 DEMO_SCAN = SynthOptions(
     camera=CameraOptions(width_px=480, height_px=360),
-    drift=DriftOptions(yaw_deg=0.25, tilt_share=0.3, translation_m=0.02, vertical_share=0.3),
+    drift=DriftOptions(yaw_deg=0.25, translation_m=0.02),
 )
 _MARK = ".planfit-demo"
 

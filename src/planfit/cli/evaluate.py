@@ -152,7 +152,7 @@ class _PosesSource:
         As in a run they are found in the scan as it was read, and then corrected.
         """
         options = self.options.segmentation
-        gravity = find_gravity(self.scan, options.gravity, runtime)
+        gravity = find_gravity(self.scan, runtime)
         structure = segment_scan(self.scan, gravity, options, runtime)
         level = level_from_world(gravity, structure.floor_height_m)
         return level, corrected_structure(structure, self.sensor)

@@ -118,7 +118,7 @@ def _export_as_built(folder: Path, target: Path, tolerance_m: float | None) -> i
     AS_BUILT_WRITERS[target.suffix.lower()](target, as_built, tolerance_m)
     words = _listed(counted(as_built.verdicts(tolerance_m)))
     if as_built.openings:
-        counts = counted_openings(as_built.openings, as_built.options.openings)
+        counts = counted_openings(as_built.openings)
         words += f"; openings: {_listed(counts)}"
     out.print(f"written: {target}, {words}", soft_wrap=True)
     return 0

@@ -3,7 +3,6 @@
 Each metric is defined in docs/metrics.md.
 """
 
-from planfit.evaluation.agreement import FreeSpaceOptions as FreeSpaceOptions
 from planfit.evaluation.agreement import match_distances as match_distances
 from planfit.evaluation.agreement import median_match_distance as median_match_distance
 from planfit.evaluation.comparison import CompareOptions as CompareOptions
@@ -15,7 +14,6 @@ from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
 from planfit.evaluation.evaluate import evaluate as evaluate
-from planfit.evaluation.layers import LayerOptions as LayerOptions
 from planfit.evaluation.layers import Layers as Layers
 from planfit.evaluation.layers import wall_layers as wall_layers
 from planfit.evaluation.map_quality import MapOptions as MapOptions

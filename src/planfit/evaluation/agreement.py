@@ -13,12 +13,25 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, Int
 from scipy.spatial import cKDTree
 
-from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches
 from planfit.runtime import Arrays, Runtime, cache_key, let_go
 from planfit.scan import Scan
+
+MAX_VIEWS = 250
+"""Maximum number of frames, evenly spread, that are looked at."""
+MAX_PAIRS = 1500
+"""Maximum number of their pairs, evenly taken from those that are near each other."""
+REACH_M = 4.0
+"""Cameras of a pair are this near to each other, m, at one set of poses or the other."""
+WIDTH_PX = 64
+"""Width that depth maps are shrunk to: each pixel the nearest depth of its block."""
+MAX_DEPTH_M = 6.0
+"""Depth beyond, m, takes no part."""
+TOLERANCE_M, TOLERANCE_SHARE = 0.15, 0.03
+"""A point is looked through that lies this much, m, before what the other view sees there, or this share of
+the distance where that is more."""
 
 
 def match_distances(
@@ -45,31 +58,6 @@ def median_match_distance(matches: Matches, target_from_cams: Float[np.ndarray, 
 
 
 @dataclass(frozen=True)
-class FreeSpaceOptions:
-    """Which views are held against which, and when one looks through what the other sees."""
-
-    max_views: int = 250
-    """So many frames, evenly spread, are looked at."""
-    max_pairs: int = 1500
-    """So many pairs of them, evenly taken from those that are near each other."""
-    reach_m: float = 4.0
-    """Cameras of a pair are this near to each other, at one set of poses or the other."""
-    width_px: int = 64
-    """Depth maps are shrunk to this width: each pixel the nearest depth of its block."""
-    max_depth_m: float = 6.0
-    """Depth beyond takes no part."""
-    tolerance_m: float = 0.15
-    """A point that lies this much before what the other view sees there is looked through."""
-    tolerance_share: float = 0.03
-    """The same as a share of the distance, where that is more."""
-
-    def __post_init__(self) -> None:
-        require_positive(
-            self, "max_views", "max_pairs", "reach_m", "width_px", "max_depth_m", "tolerance_m"
-        )
-
-
-@dataclass(frozen=True)
 class DepthThumbnails:
     """Small depth maps of some frames of a scan."""
 
@@ -83,18 +71,18 @@ class DepthThumbnails:
     what borders on an edge or on a hole is never looked through."""
 
 
-def read_thumbnails(scan: Scan, options: FreeSpaceOptions, runtime: Runtime) -> DepthThumbnails:
+def read_thumbnails(scan: Scan, runtime: Runtime) -> DepthThumbnails:
     """Shrink depth maps, evenly spread over a scan.
 
     Raises:
         ScanError: a depth image cannot be used.
     """
-    n = min(len(scan), options.max_views)
+    n = min(len(scan), MAX_VIEWS)
     frame_idx = np.unique(np.linspace(0, len(scan) - 1, n).astype(int))
-    key = cache_key(scan.fingerprint, "free space", n, options.width_px, options.max_depth_m)
-    compute = partial(_shrink, scan, options)
+    key = cache_key(scan.fingerprint, "free space", n, WIDTH_PX, MAX_DEPTH_M)
+    compute = partial(_shrink, scan)
     items = runtime.map("free space", key, len(frame_idx), lambda k: compute(int(frame_idx[k])))
-    cameras = tuple(_small_camera(scan.cameras[i], options)[0] for i in frame_idx)
+    cameras = tuple(_small_camera(scan.cameras[i])[0] for i in frame_idx)
     return DepthThumbnails(
         frame_idx,
         cameras,
@@ -104,7 +92,7 @@ def read_thumbnails(scan: Scan, options: FreeSpaceOptions, runtime: Runtime) -> 
 
 
 def near_pairs(
-    poses: tuple[Float[np.ndarray, "v 4 4"], Float[np.ndarray, "v 4 4"]], options: FreeSpaceOptions
+    poses: tuple[Float[np.ndarray, "v 4 4"], Float[np.ndarray, "v 4 4"]],
 ) -> Int[np.ndarray, "p 2"]:
     """Ordered pairs of views that are near and look the same way, at one set of poses or the other.
 
@@ -112,14 +100,14 @@ def near_pairs(
     """
     found = []
     for at in poses:
-        pairs = cKDTree(at[:, :3, 3]).query_pairs(options.reach_m, output_type="ndarray")
+        pairs = cKDTree(at[:, :3, 3]).query_pairs(REACH_M, output_type="ndarray")
         looking = at[:, :3, 2]  # optical axes
         alike = np.einsum("ij,ij->i", looking[pairs[:, 0]], looking[pairs[:, 1]]) > 0.0
         found.append(pairs[alike])
     pairs = np.unique(np.concatenate(found), axis=0)
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
-    if len(pairs) > options.max_pairs:
-        pairs = pairs[np.linspace(0, len(pairs) - 1, options.max_pairs).astype(int)]
+    if len(pairs) > MAX_PAIRS:
+        pairs = pairs[np.linspace(0, len(pairs) - 1, MAX_PAIRS).astype(int)]
     return pairs
 
 
@@ -127,7 +115,6 @@ def looked_through_share(
     thumbnails: DepthThumbnails,
     target_from_cams: Float[np.ndarray, "v 4 4"],
     pairs: Int[np.ndarray, "p 2"],
-    options: FreeSpaceOptions,
 ) -> float:
     """Of the points of first views that fall on what second views see, the share that these look through.
 
@@ -137,7 +124,6 @@ def looked_through_share(
         thumbnails: small depth maps.
         target_from_cams: poses of their frames.
         pairs: first and second view.
-        options: tolerances.
     """
     n_through = n_agree = 0
     for i, j in pairs:
@@ -145,7 +131,7 @@ def looked_through_share(
         points = se3.transform(second_from_first, thumbnails.points_cam[i].astype(float))
         points = points[points[:, 2] > 0.3]
         seen_m, depth_m = _look_up(thumbnails.nearest_m[j], thumbnails.cameras[j], points)
-        tolerance_m = np.maximum(options.tolerance_m, options.tolerance_share * depth_m)
+        tolerance_m = np.maximum(TOLERANCE_M, TOLERANCE_SHARE * depth_m)
         n_through += int(np.sum(seen_m > depth_m + tolerance_m))
         n_agree += int(np.sum((seen_m > 0) & (np.abs(seen_m - depth_m) <= tolerance_m)))
     total = n_through + n_agree
@@ -167,13 +153,13 @@ def _look_up(
     return depth_map_m[v, u].astype(float), points[inside, 2]
 
 
-def _shrink(scan: Scan, options: FreeSpaceOptions, i: int) -> Arrays:
+def _shrink(scan: Scan, i: int) -> Arrays:
     """Points and nearest depths of the small map of frame i."""
     depth = scan.files.depth(i)
-    camera, block = _small_camera(scan.cameras[i], options)
+    camera, block = _small_camera(scan.cameras[i])
     rows, columns = camera.height, camera.width
     with np.errstate(invalid="ignore"):
-        usable = np.where((depth > 0) & (depth < options.max_depth_m), depth, np.inf)
+        usable = np.where((depth > 0) & (depth < MAX_DEPTH_M), depth, np.inf)
     blocks = usable[: rows * block, : columns * block].reshape(rows, block, columns, block)
     nearest = blocks.min(axis=(1, 3))
     has_depth = np.isfinite(nearest)
@@ -184,9 +170,9 @@ def _shrink(scan: Scan, options: FreeSpaceOptions, i: int) -> Arrays:
     return {"points": points.astype(np.float32), "nearest": around.astype(np.float32)}
 
 
-def _small_camera(camera: Camera, options: FreeSpaceOptions) -> tuple[Camera, int]:
+def _small_camera(camera: Camera) -> tuple[Camera, int]:
     """The camera of a small map, and the pixels a block has each way; a rest at the border is cut off."""
-    block = max(1, camera.width // options.width_px)
+    block = max(1, camera.width // WIDTH_PX)
     rows, columns = camera.height // block, camera.width // block
     cut = replace(camera, width=columns * block, height=rows * block)
     return cut.scaled(columns, rows), block

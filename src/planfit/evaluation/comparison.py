@@ -15,14 +15,12 @@ from planfit.adjust.association import wall_patches_in_plan
 from planfit.alignment import align, sample_walls
 from planfit.errors import ScanError
 from planfit.evaluation.agreement import (
-    FreeSpaceOptions,
     looked_through_share,
     match_distances,
     near_pairs,
     read_thumbnails,
 )
 from planfit.evaluation.evaluate import ComparedPoses, EvaluateOptions, RefinedPoses, evaluate
-from planfit.evaluation.layers import LayerOptions
 from planfit.evaluation.map_quality import MapOptions
 from planfit.evaluation.metrics import Metric
 from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
@@ -48,6 +46,9 @@ Side = Literal["a", "b", "neither"]
 Poses = Float[np.ndarray, "n 4 4"] | RefinedPoses
 MIN_MATCHES = 30
 """The median distance of fewer matches tells too little."""
+REVISIT_FRAMES = 10
+"""Matches of frames further apart than this are of a revisit, which says more than neighbours do; frames
+that match no other are not counted."""
 MAX_PAIR_M = 0.5
 """A pair of frames whose matched points are further apart counts no more."""
 _SAME_SCALE = 1e-3
@@ -60,17 +61,10 @@ class CompareOptions(Changeable):
 
     align: bool = False
     """Move B onto A as a whole before distances are taken, by the rigid motion that fits positions best."""
-    revisit_frames: int = 10
-    """Matches of frames further apart than this are of a revisit, which tells more than neighbours do; frames
-    that match no other are not counted."""
     depth_maps: bool = True
     """Hear the witnesses that read every depth map: the map, and free space."""
     map: MapOptions = field(default_factory=MapOptions)
     """The points that the map is made of."""
-    layers: LayerOptions = field(default_factory=LayerOptions)
-    """When a wall counts as seen twice."""
-    free_space: FreeSpaceOptions = field(default_factory=FreeSpaceOptions)
-    """Whether views look through what other views see."""
 
     def __post_init__(self) -> None:
         require_kinds(self)
@@ -163,10 +157,10 @@ def compare(
     scan = _as_corrected(scan, a, b)
     compared = poses.plan_from_cams if axes == "plan" else poses.world_from_cams
     differences = pose_differences(*compared, chosen.align)
-    taken = EvaluateOptions(depth_maps=chosen.depth_maps, map=chosen.map, layers=chosen.layers)
+    taken = EvaluateOptions(depth_maps=chosen.depth_maps, map=chosen.map)
     metrics = dict(evaluate(scan, poses, None, None, taken, running).metrics)
     for metric in (
-        *_match_metrics(matches, compared, chosen.revisit_frames),
+        *_match_metrics(matches, compared),
         *_free_space_metric(scan, compared, chosen, running),
     ):
         metrics[metric.name] = metric
@@ -270,7 +264,7 @@ def _by_its_walls(
 
 def _levelled(scan: Scan, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
     options = SegmentationOptions()
-    gravity = find_gravity(scan, options.gravity, runtime)
+    gravity = find_gravity(scan, runtime)
     structure = segment_scan(scan, gravity, options, runtime)
     return level_from_world(gravity, structure.floor_height_m), structure
 
@@ -278,7 +272,6 @@ def _levelled(scan: Scan, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], S
 def _match_metrics(
     matches: Matches | None,
     poses: tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, "n 4 4"]],
-    revisit_frames: int,
 ) -> list[Metric]:
     """Distances of matched points: mean over pairs of frames, and medians of all and of revisits."""
     if matches is None or matches.n_matches < MIN_MATCHES:
@@ -295,8 +288,8 @@ def _match_metrics(
         ("matches", "   median of all", apart > 0),
         (
             "revisits",
-            f"   median of frames more than {revisit_frames} apart",
-            apart > revisit_frames,
+            f"   median of frames more than {REVISIT_FRAMES} apart",
+            apart > REVISIT_FRAMES,
         ),
     ):
         if chosen.sum() >= MIN_MATCHES:
@@ -325,12 +318,10 @@ def _free_space_metric(
     """Share of points that other views look through."""
     if not options.depth_maps:
         return []
-    thumbnails = read_thumbnails(scan, options.free_space, runtime)
+    thumbnails = read_thumbnails(scan, runtime)
     a, b = (at[thumbnails.frame_idx] for at in poses)
-    pairs = near_pairs((a, b), options.free_space)
-    shares = [
-        100 * looked_through_share(thumbnails, at, pairs, options.free_space) for at in (a, b)
-    ]
+    pairs = near_pairs((a, b))
+    shares = [100 * looked_through_share(thumbnails, at, pairs) for at in (a, b)]
     if not np.isfinite(shares).all():
         return []
     return [Metric("looked_through", "points that other views look through", "%", *shares)]

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import require, require_plain_numbers, require_positive
-from planfit.evaluation.layers import LayerOptions
 from planfit.evaluation.map_quality import MapOptions
 from planfit.evaluation.metrics import (
     Metric,
@@ -41,8 +40,6 @@ class EvaluateOptions(Changeable):
     """Take the metrics that read every depth map: MME, MPV, MOM, NND."""
     map: MapOptions = field(default_factory=MapOptions)
     """The points that MME, MPV, MOM and NND are taken of."""
-    layers: LayerOptions = field(default_factory=LayerOptions)
-    """When a wall counts as seen twice."""
 
     def __post_init__(self) -> None:
         require_kinds(self)
@@ -137,7 +134,7 @@ def evaluate(
     runtime.report("walls and floor", 0, 0)
     on_plan = compared.plan_from_cams
     metrics += surface_metrics(compared.structure, compared.floorplan, *on_plan, runtime.workers)
-    metrics += layer_metrics(compared.structure.walls, *on_plan, options.layers)
+    metrics += layer_metrics(compared.structure.walls, *on_plan)
     runtime.report("walls and floor", 1, 0)
     if options.depth_maps:
         cloud = truth.cloud if truth is not None else None
@@ -176,7 +173,7 @@ def _compare_with_recorded(
 ) -> ComparedPoses:
     """Poses alone, in the plan frame where there is a plan, else in the scan's own axes."""
     options, recorded = SegmentationOptions(), scan.world_from_cams
-    gravity = find_gravity(scan, options.gravity, runtime)
+    gravity = find_gravity(scan, runtime)
     structure = segment_scan(scan, gravity, options, runtime)
     if floorplan is None:
         require(

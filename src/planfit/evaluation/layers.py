@@ -12,38 +12,27 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
-from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.segmentation import WallPatches
 
 _PARALLEL = np.cos(np.deg2rad(15.0))
 
 
-@dataclass(frozen=True)
-class LayerOptions:
-    """When a wall counts as seen twice."""
-
-    window_m: float = 0.5
-    """Side of the square window, along the wall and up."""
-    min_gap_m: float = 0.03
-    """Layers nearer than this are one: depth cameras are off by as much from frame to frame."""
-    max_gap_m: float = 0.3
-    """Layers further apart are two walls."""
-    gap_to_sigma: float = 2.0
-    """The gap is at least this many times the standard deviation of either layer; else the wall is
-    thick, not double."""
-    min_frames: int = 2
-    """Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not
-    judged."""
-    min_points: int = 5
-    """Points that a frame's measurement of a window takes."""
-    max_both_share: float = 0.1
-    """Share of frames that may see both layers; where more do, they are two surfaces."""
-
-    def __post_init__(self) -> None:
-        names = ("window_m", "min_gap_m", "max_gap_m", "gap_to_sigma", "min_frames", "min_points")
-        require_positive(self, *names)
-        require_share(self, "max_both_share")
+WINDOW_M = 0.5
+"""Side of the square window, m, along the wall and up."""
+MIN_GAP_M = 0.03
+"""Layers nearer than this, m, are one: depth cameras are off by as much from frame to frame."""
+MAX_GAP_M = 0.3
+"""Layers further apart, m, are two walls."""
+GAP_TO_SIGMA = 2.0
+"""The gap is at least this many times the standard deviation of either layer; else the wall is thick, not
+double."""
+MIN_FRAMES = 2
+"""Each layer is seen by this many frames or more; windows seen by fewer than twice as many are not judged."""
+MIN_POINTS = 5
+"""Points that a frame's measurement of a window takes."""
+MAX_BOTH_SHARE = 0.1
+"""Share of frames that may see both layers; where more do, they are two surfaces."""
 
 
 @dataclass(frozen=True)
@@ -64,22 +53,20 @@ class Layers:
 def wall_layers(
     walls: WallPatches,
     target_from_cams: Float[np.ndarray, "n 4 4"],
-    options: LayerOptions | None = None,
 ) -> Layers:
     """Judge the wall patches of a scan at poses with z up."""
-    options = options or LayerOptions()
-    positions, normals, frame_idx = _measurements(walls, target_from_cams, options)
+    positions, normals, frame_idx = _measurements(walls, target_from_cams)
     centres, gaps = [], []
     is_open = np.ones(len(positions), dtype=bool)
     tree = cKDTree(positions) if len(positions) else None
     for i in range(len(positions)):
         if tree is None or not is_open[i]:
             continue
-        inside, before = _in_window(tree, positions, normals, i, options)
+        inside, before = _in_window(tree, positions, normals, i)
         is_open[inside] = False  # each bit of wall is judged through one window
-        if len(np.unique(frame_idx[inside])) >= 2 * options.min_frames:
+        if len(np.unique(frame_idx[inside])) >= 2 * MIN_FRAMES:
             centres.append(positions[i])
-            gaps.append(_gap(before, frame_idx[inside], options))
+            gaps.append(_gap(before, frame_idx[inside]))
     gap = np.array(gaps)
     is_double = gap > 0
     return Layers(
@@ -92,25 +79,21 @@ def wall_layers(
 
 
 def _in_window(
-    tree: cKDTree, positions: np.ndarray, normals: np.ndarray, i: int, options: LayerOptions
+    tree: cKDTree, positions: np.ndarray, normals: np.ndarray, i: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Measurements (k,) of the same side in the window about measurement i, and m before it."""
     # A ball about the window, a box of its side along and up and of the largest gap to both sides.
-    near = np.array(
-        tree.query_ball_point(
-            positions[i], np.hypot(options.window_m / np.sqrt(2), options.max_gap_m)
-        )
-    )
+    near = np.array(tree.query_ball_point(positions[i], np.hypot(WINDOW_M / np.sqrt(2), MAX_GAP_M)))
     near = near[normals[near] @ normals[i] > _PARALLEL]
     step = positions[near] - positions[i]
     before = step @ normals[i]
     along = step @ np.array([-normals[i, 1], normals[i, 0], 0.0])
-    inside = np.maximum(np.abs(along), np.abs(step[:, 2])) <= options.window_m / 2
-    inside &= np.abs(before) <= options.max_gap_m
+    inside = np.maximum(np.abs(along), np.abs(step[:, 2])) <= WINDOW_M / 2
+    inside &= np.abs(before) <= MAX_GAP_M
     return near[inside], before[inside]
 
 
-def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> float:
+def _gap(before: np.ndarray, frame_idx: np.ndarray) -> float:
     """Distance (m) of the two layers among measurements (m,) of frames (m,); 0 where there are not two."""
     order = np.argsort(before)
     before, frame_idx = before[order], frame_idx[order]
@@ -118,19 +101,19 @@ def _gap(before: np.ndarray, frame_idx: np.ndarray, options: LayerOptions) -> fl
     low, high = before[:cut], before[cut:]
     gap = float(high[0] - low[-1])
     sigma = max(float(np.std(low)), float(np.std(high)))
-    if gap < max(options.min_gap_m, options.gap_to_sigma * sigma):
+    if gap < max(MIN_GAP_M, GAP_TO_SIGMA * sigma):
         return 0.0
     frames_low, frames_high = set(frame_idx[:cut].tolist()), set(frame_idx[cut:].tolist())
     both = frames_low & frames_high
-    if len(both) > options.max_both_share * len(frames_low | frames_high):
+    if len(both) > MAX_BOTH_SHARE * len(frames_low | frames_high):
         return 0.0
-    if min(len(frames_low - both), len(frames_high - both)) < options.min_frames:
+    if min(len(frames_low - both), len(frames_high - both)) < MIN_FRAMES:
         return 0.0
     return float(np.median(high) - np.median(low))
 
 
 def _measurements(
-    walls: WallPatches, target_from_cams: np.ndarray, options: LayerOptions
+    walls: WallPatches, target_from_cams: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean position (m, 3) m, level normal (m, 3) and frame (m,) of the points of each patch in each square.
 
@@ -149,7 +132,7 @@ def _measurements(
     ):  # each point takes a transform of its own, 128 bytes
         part = slice(first, first + 1_000_000)
         points[part] = se3.transform_each(target_from_cams[frames[part]], walls.points_cam[part])
-    side = options.window_m / 2
+    side = WINDOW_M / 2
     along = points[:, 1] * normals[patch, 0] - points[:, 0] * normals[patch, 1]
     square = np.stack(
         [patch, np.floor(along / side).astype(int), np.floor(points[:, 2] / side).astype(int)],
@@ -164,6 +147,6 @@ def _measurements(
         return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0, dtype=int)
     sizes = np.diff(np.concatenate([start, [len(square)]]))
     positions = np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
-    kept = sizes >= options.min_points
+    kept = sizes >= MIN_POINTS
     of_patch = square[start, 0][kept]
     return positions[kept], normals[of_patch], walls.frame_idx[of_patch]

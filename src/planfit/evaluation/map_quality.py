@@ -92,6 +92,10 @@ def _determinants(covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d), a + d + f
 
 
+STRIDE_PX = 2
+"""One pixel in this many, each way, is read."""
+
+
 @dataclass(frozen=True)
 class MapOptions:
     """What the map is made of. MME, MPV and MOM depend on all of it: compare only what was made alike."""
@@ -103,16 +107,11 @@ class MapOptions:
     """Neighbourhood; 0.2 for depth cameras, 1.0 for LiDAR."""
     max_depth_m: float = 8.0
     """Depth measurements beyond are dropped."""
-    stride_px: int = 2
-    """One pixel in this many, each way, is read."""
     frame_step: int = 1
     """One frame in this many is read."""
-    mom_frames: int = 60
-    """At most this many depth maps, evenly spread, are searched for orthogonal planes."""
 
     def __post_init__(self) -> None:
-        names = ("voxel_m", "radius_m", "max_depth_m", "stride_px", "frame_step", "mom_frames")
-        require_positive(self, *names)
+        require_positive(self, "voxel_m", "radius_m", "max_depth_m", "frame_step")
 
 
 @dataclass(frozen=True)
@@ -142,7 +141,7 @@ def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapS
         ScanError: a depth image cannot be used.
     """
     read = range(0, len(scan), options.frame_step)
-    how = (options.voxel_m, options.max_depth_m, options.stride_px)
+    how = (options.voxel_m, options.max_depth_m, STRIDE_PX)
     key = cache_key(scan.fingerprint, "map sample", *how, options.frame_step)
     compute = partial(_sample, scan, options)
     items = runtime.map("depth maps", key, len(read), lambda k: compute(read[k]))
@@ -169,7 +168,7 @@ def thin(points: Float[np.ndarray, "m 3"], voxel_m: float) -> Float[np.ndarray, 
 
 
 def _sample(scan: Scan, options: MapOptions, i: int) -> Arrays:
-    step = options.stride_px
+    step = STRIDE_PX
     depth = scan.files.depth(i)[::step, ::step]
     with np.errstate(invalid="ignore"):
         rows, columns = np.nonzero(depth < options.max_depth_m)

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.evaluation.layers import LayerOptions, wall_layers
+from planfit.evaluation.layers import wall_layers
 from planfit.evaluation.map_quality import MapOptions, MapSample, map_quality, sample_depth_maps
 from planfit.evaluation.orthogonal import OrthogonalSets, find_orthogonal_sets, mom_m2
 from planfit.evaluation.surfaces import NEAR_FACE_M, floor_heights, wall_distances
@@ -139,15 +139,17 @@ def layer_metrics(
     walls: WallPatches,
     before: Float[np.ndarray, "n 4 4"],
     after: Float[np.ndarray, "n 4 4"],
-    options: LayerOptions | None = None,
 ) -> list[Metric]:
     """Share of doubled walls at poses with z up; none where too little wall was seen more than once."""
-    first, last = (wall_layers(walls, poses, options) for poses in (before, after))
+    first, last = (wall_layers(walls, poses) for poses in (before, after))
     if not (first.n_windows and last.n_windows):
         return []
     words = "walls seen as two layers"
     return [Metric("double_walls", words, "%", 100 * first.double_share, 100 * last.double_share)]
 
+
+MOM_FRAMES = 60
+"""Maximum number of depth maps, evenly spread, that are searched for orthogonal planes."""
 
 MAP_METRICS = {
     "mme": ("mean map entropy (MME)", "1"),
@@ -221,5 +223,5 @@ def make_map_judge(
         ScanError: a depth image cannot be used.
     """
     sample = sample_depth_maps(scan, options, runtime)
-    sets = find_orthogonal_sets(sample, options.radius_m, options.mom_frames)
+    sets = find_orthogonal_sets(sample, options.radius_m, MOM_FRAMES)
     return MapJudge(sample, sets, options.radius_m, true_cloud)

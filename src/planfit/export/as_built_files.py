@@ -31,11 +31,10 @@ OPENING_LAYER_COLORS = {
 
 def opening_rows(as_built: AsBuilt) -> Iterator[list[Any]]:
     """Cells of the table, a row an opening."""
-    options = as_built.options.openings
     for number, opening in enumerate(as_built.openings, start=1):
         yield [
             f"O{number}",
-            opening.verdict(options).value,
+            opening.verdict.value,
             *("", ""),
             opening.element_id,
             *("", ""),
@@ -45,7 +44,7 @@ def opening_rows(as_built: AsBuilt) -> Iterator[list[Any]]:
             *("", ""),
             max(opening.n_through_frames, opening.n_surface_frames),
             f"{opening.open_share:.2f}",
-            opening_words(opening, options),
+            opening_words(opening),
             opening.kind or "opening",
             f"{opening.closed_share:.2f}",
             metres(opening.width_m),
@@ -59,12 +58,11 @@ def opening_lines(
 ) -> Iterator[tuple[Float[np.ndarray, "2 2"], dict[str, Any]]]:
     """Ends, m, plan frame, and properties of the lines of GeoJSON: where each is drawn, and, of those whose
     sides were seen, where it is."""
-    options = as_built.options.openings
     for number, opening in enumerate(as_built.openings, start=1):
         properties: dict[str, Any] = {
             "what": opening.kind or "opening",
             "opening": number,
-            "verdict": opening.verdict(options).value,
+            "verdict": opening.verdict.value,
             "element_id": opening.element_id or None,
             "drawn_width_m": rounded(opening.drawn_width_m) if opening.is_drawn else None,
             "width_m": rounded(opening.width_m),
@@ -72,10 +70,10 @@ def opening_lines(
             "shift_m": rounded(opening.shift_m) if opening.is_drawn else None,
             "open_share": round(opening.open_share, 2),
             "closed_share": round(opening.closed_share, 2),
-            "closed_by": opening.word_of_closing(options),
+            "closed_by": opening.word_of_closing,
             "through_frames": opening.n_through_frames,
             "surface_frames": opening.n_surface_frames,
-            "words": opening_words(opening, options),
+            "words": opening_words(opening),
         }
         if opening.is_drawn:
             yield opening.ends, {**properties, "line": "as drawn"}
@@ -86,11 +84,11 @@ def opening_lines(
 def draw_openings(document: Drawing, as_built: AsBuilt, text_height: float) -> None:
     """A line an opening on the layer of its verdict, `AS_BUILT_OPENING_CLOSED`: where it is, where its sides
     were seen, else where it is drawn; and the width of those."""
-    options, space = as_built.options.openings, document.modelspace()
+    space = document.modelspace()
     for verdict, color in OPENING_LAYER_COLORS.items():
         document.layers.add(opening_layer(verdict), color=color)
     for opening in as_built.openings:
-        layer = {"layer": opening_layer(opening.verdict(options))}
+        layer = {"layer": opening_layer(opening.verdict)}
         first, last = as_built.in_file(opening.built_ends)
         space.add_line(tuple(first), tuple(last), dxfattribs=layer)
         if np.isfinite(opening.width_m):

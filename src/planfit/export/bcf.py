@@ -99,13 +99,12 @@ def _issues(as_built: AsBuilt, tolerance_m: float | None) -> Iterator[_Issue]:
             tuple(w.built_ends if verdict is Verdict.MOVED else w.ends for w in walls),
             tuple(wall.ends for wall in walls),
         )
-    options = as_built.options.openings
     for opening in as_built.openings:
-        if opening.differs(options):
+        if opening.differs:
             yield _Issue(
-                opening_title(opening, options),
-                f"as built: opening {opening.verdict(options).value}",
-                (_described(opening.ends, opening_words(opening, options)),),
+                opening_title(opening),
+                f"as built: opening {opening.verdict.value}",
+                (_described(opening.ends, opening_words(opening)),),
                 (opening.element_id,),
                 opening.ends,
                 opening.normal,

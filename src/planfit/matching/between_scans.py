@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.loop_closure import cycle_consistent
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import FrameDescriptors, choose_pairs
@@ -23,7 +22,7 @@ from planfit.matching.relative_motions import (
 )
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import Matches, RelativePoses
-from planfit.matching.view_agreement import explained_shares
+from planfit.matching.view_agreement import MAX_CONTRADICTED_BETWEEN, explained_shares
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -117,17 +116,14 @@ def verify_between(
     stage = "pairs between scans"
     found = verify_pairs(seen.scan, seen.keypoints, pairs, options, runtime, stage)
     relative_poses = found.relative_poses
-    agreement = replace(
-        options.agreement, max_contradicted=options.agreement.max_contradicted_between
-    )
     explained = explained_shares(
         relative_poses,
         found.points_a,
         found.points_b,
-        match_sigmas(found, options),
+        match_sigmas(found),
         np.zeros(len(found), dtype=bool),
         seen.keypoints.grids,
-        agreement,
+        MAX_CONTRADICTED_BETWEEN,
     )
     found = replace(found, relative_poses=replace(relative_poses, explained=explained))
     return found if known is None else known.joined(found)
@@ -138,7 +134,6 @@ def accept_between(
     within: RelativePoses,
     joined_from_cams: Float[np.ndarray, "k 4 4"],
     odometry: Odometry,
-    options: MatchingOptions,
 ) -> Matches:
     """Matches of the pairs between scans that agree with each other and with what each scan knows of itself.
 
@@ -147,12 +142,10 @@ def accept_between(
         within: accepted pairs of frames of one scan.
         joined_from_cams: where the frames stand, loops closed and scans placed.
         odometry: of the scans, with a step between each two that is as sure as they are placed.
-        options: of matching.
     """
-    consistency: CycleConsistencyOptions = options.cycle_consistency
     if within.explained is None:
         within = replace(within, explained=np.ones(len(within)))
     edges = found.relative_poses.joined(within)
-    is_accepted = cycle_consistent(edges, joined_from_cams, odometry, consistency)
+    is_accepted = cycle_consistent(edges, joined_from_cams, odometry)
     accepted = found.where(is_accepted[: len(found)])
-    return matches_of(accepted, len(accepted), 0, options)
+    return matches_of(accepted, len(accepted), 0)

@@ -126,14 +126,14 @@ def match_by_hand(
     right, gaps, has = [], [], []
     for loop in loops:
         k, gap = by_pair.get(loop.frames), None
-        picked = None if loop.picked is None else _lifted(scan, loop, options)
+        picked = None if loop.picked is None else _lifted(scan, loop)
         if k is not None and picked is not None:
             there = se3.transform(verified.relative_poses.a_from_b[k], picked[1])
             gap = float(np.linalg.norm(there - picked[0]))
         # A person who picks points that the images put elsewhere knows better than these.
         if k is not None and (gap is None or gap <= AGREES_M):
             a, b = verified.points_a[k], verified.points_b[k]
-            rows.append((loop.frames, a, b, match_sigma(a, b, options.verify)))
+            rows.append((loop.frames, a, b, match_sigma(a, b)))
             right.append(k)
         elif picked is not None:
             rows.append((loop.frames, *picked))
@@ -150,9 +150,7 @@ def no_hand_matches() -> HandMatches:
     return HandMatches(_gathered([]), none, (), ())
 
 
-def _lifted(
-    scan: Scan, loop: HandLoop, options: MatchingOptions
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _lifted(scan: Scan, loop: HandLoop) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A picked point in both camera frames (1, 3), m, and the sigma of their difference (1,)."""
     assert loop.picked is not None
     a, b = (
@@ -163,7 +161,7 @@ def _lifted(
         _PICK_PX * point[0, 2] / scan.cameras[frame].fx
         for frame, point in zip(loop.frames, (a, b), strict=True)
     ]
-    sigma = np.sqrt(match_sigma(a, b, options.verify) ** 2 + off_m[0] ** 2 + off_m[1] ** 2)
+    sigma = np.sqrt(match_sigma(a, b) ** 2 + off_m[0] ** 2 + off_m[1] ** 2)
     return a, b, sigma
 
 

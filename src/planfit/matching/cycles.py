@@ -4,93 +4,54 @@ A verified motion between two frames, the recorded motion between them, and a ve
 near by say the same, up to what each may be off.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.matching.types import RelativePoses
 
-
-@dataclass(frozen=True)
-class CycleConsistencyOptions:
-    """When a relative pose is consistent with all else that is known."""
-
-    max_sigmas: float = 6.0
-    """Largest departure, in sigmas, where sigma is small against a building."""
-    max_uncertain_sigmas: float = 4.0
-    """Largest departure where it is not: there, another room may lie within six sigmas."""
-    certain_m: float = 1.2
-    """Pairs between whose ends the motion is known to better than this (`max_sigmas` sigmas and the slack)
-    are certain: rooms are further apart."""
-    rotation_slack_deg: float = 3.0
-    """Departure in rotation that is always allowed: the error of the verification itself."""
-    translation_slack_m: float = 0.3
-    """Departure in translation that is always allowed."""
-    sigma_rotation_deg: float = 0.5
-    """Standard deviation of a verified motion's rotation, each axis, where a path leads over it."""
-    sigma_translation_m: float = 0.03
-    """Standard deviation of its translation, each axis."""
-    cluster_m: float = 1.0
-    """Relative poses whose two ends lie within this much of way from another's stand or fall together if
-    they agree: one of them is checked."""
-    strong_share: float = 0.1
-    """Revisits that explain this share of both views are decided first, by the gates above. What explains
-    less may be a poster, and is held to the drift that those show."""
-    max_drifts: float = 6.0
-    """Largest departure of a strong revisit, in sigmas of the drift that strong revisits show."""
-    max_weak_drifts: float = 3.0
-    """The same of the others."""
-    min_advantage: float = 1.0
-    """Of two revisits that contradict each other, the one that asks for less drift is right if the squares of
-    both, in sigmas of the recorded motion, differ by this; else neither is used."""
-    rival_share: float = 0.33
-    """A revisit is no rival of one that explains more than its own share of the views by this factor."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "sigma_rotation_deg", "sigma_translation_m", "cluster_m")
+MAX_SIGMAS = 6.0
+"""Largest departure of a consistent motion, in sigmas, where sigma is small against a building."""
+CERTAIN_M = 1.2
+"""Pairs between whose ends the motion is known to better than this, m (`MAX_SIGMAS` sigmas and the slack),
+are certain: rooms are further apart."""
+ROTATION_SLACK_DEG = 3.0
+"""Departure in rotation that is always allowed, deg: the error of the verification itself."""
+TRANSLATION_SLACK_M = 0.3
+"""Departure in translation that is always allowed, m."""
+SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M = 0.5, 0.03
+"""Standard deviations of a verified motion's rotation and translation, each axis, where a path leads over
+it."""
+CERTAIN_SIGMA_M = (CERTAIN_M - TRANSLATION_SLACK_M) / MAX_SIGMAS
+"""Standard deviation of a motion's translation, m, below which it is certain."""
 
 
 def is_near(
     motions: Float[np.ndarray, "p 4 4"],
     predicted: Float[np.ndarray, "p 4 4"],
     sigmas: tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]],
-    options: CycleConsistencyOptions,
-    max_sigmas: float | None = None,
+    max_sigmas: float = MAX_SIGMAS,
+    times: float = 1.0,
 ) -> Bool[np.ndarray, " p"]:
     """Whether motions depart from the predicted ones by no more than drift explains.
 
     Args:
         motions, predicted: between the same frames.
         sigmas: standard deviations of the predicted rotation (rad) and translation (m), each axis.
-        options: slack, and how many sigmas.
-        max_sigmas: in the place of that of the options.
+        max_sigmas: departure that drift explains, besides the slack.
+        times: factor on all that is allowed.
     """
-    most = options.max_sigmas if max_sigmas is None else max_sigmas
     sigma_rotation, sigma_translation = sigmas
     rotation = se3.rotation_angle(np.swapaxes(predicted[:, :3, :3], 1, 2) @ motions[:, :3, :3])
     translation = np.linalg.norm(predicted[:, :3, 3] - motions[:, :3, 3], axis=1)
-    return (rotation < most * sigma_rotation + np.deg2rad(options.rotation_slack_deg)) & (
-        translation < most * sigma_translation + options.translation_slack_m
+    return (rotation < times * (max_sigmas * sigma_rotation + np.deg2rad(ROTATION_SLACK_DEG))) & (
+        translation < times * (max_sigmas * sigma_translation + TRANSLATION_SLACK_M)
     )
 
 
-def is_certain(
-    sigma_translation: Float[np.ndarray, " p"], options: CycleConsistencyOptions
-) -> Bool[np.ndarray, " p"]:
+def is_certain(sigma_translation: Float[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
     """Whether rooms are further apart than the motion between two frames is uncertain (p,)."""
-    return sigma_translation < certain_sigma_m(options)
-
-
-def certain_sigma_m(options: CycleConsistencyOptions) -> float:
-    """Standard deviation of a motion's translation (m) below which it is certain; with no sigmas any is, or
-    none."""
-    left_m = options.certain_m - options.translation_slack_m
-    if options.max_sigmas == 0.0:
-        return np.inf if left_m > 0.0 else 0.0
-    return left_m / options.max_sigmas
+    return sigma_translation < CERTAIN_SIGMA_M
 
 
 def by_way_of(

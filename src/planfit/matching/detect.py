@@ -12,6 +12,12 @@ from planfit.errors import require_choice, require_positive
 from planfit.geometry.camera import Camera
 from planfit.matching.types import Detections, Detector, Keypoints
 
+MIN_REDUCED = 200
+"""Keypoints that SIFT must find in a reduced image; with fewer it looks at the whole one."""
+EDGE_STEP = 0.04
+"""Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where the
+measured depth may belong to either side."""
+
 
 @dataclass(frozen=True)
 class KeypointOptions:
@@ -28,13 +34,8 @@ class KeypointOptions:
     """SIFT looks at larger images reduced to this. At 640 x 480 it takes a third of the time and finds half
     as many, in as many of the views that show the same, and the error of a place in the image stays far
     below that of its depth."""
-    min_reduced: int = 200
-    """Keypoints that SIFT must find in a reduced image; with fewer it looks at the whole one."""
     max_depth_m: float = 15.0
     """Keypoints further away are dropped: depth noise there says little about the pose."""
-    edge_step: float = 0.04
-    """Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where
-    the measured depth may belong to either side."""
     weights: str = "magic-leap-community/superpoint"
     """Hub name or folder of SuperPoint's weights."""
     device: str = "cpu"
@@ -42,9 +43,7 @@ class KeypointOptions:
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "sift", "orb", "superpoint")
-        require_positive(
-            self, "max_per_frame", "contrast_threshold", "max_side_px", "max_depth_m", "edge_step"
-        )
+        require_positive(self, "max_per_frame", "contrast_threshold", "max_side_px", "max_depth_m")
 
 
 def make_detector(options: KeypointOptions) -> Detector:
@@ -55,7 +54,7 @@ def make_detector(options: KeypointOptions) -> Detector:
     """
     if options.kind == "sift":
         whole = sift(options.max_per_frame, options.contrast_threshold)
-        return reduced(whole, options.max_side_px, options.min_reduced)
+        return reduced(whole, options.max_side_px)
     if options.kind == "orb":
         return orb(options.max_per_frame)
     from planfit.matching.learned import superpoint  # torch is loaded only where it is asked for
@@ -90,7 +89,7 @@ def sift(max_per_frame: int, contrast_threshold: float) -> Detector:
     return detect
 
 
-def reduced(whole: Detector, max_side_px: int, min_found: int) -> Detector:
+def reduced(whole: Detector, max_side_px: int) -> Detector:
     """A detector that looks at images reduced to `max_side_px`, at whole ones where it finds too few there.
 
     Descriptors of both can be matched with each other where the detector's do not depend on scale.
@@ -109,7 +108,7 @@ def reduced(whole: Detector, max_side_px: int, min_found: int) -> Detector:
         if useful is not None:
             useful_small = cv2.resize(useful, size, interpolation=cv2.INTER_NEAREST)
         found = whole(small, useful_small)
-        if len(found.uv) < min_found:
+        if len(found.uv) < MIN_REDUCED:
             return whole(grey, useful)
         # Pixels are numbered by their centres: the corner of the image lies at -0.5 in both.
         scale = np.array([width / size[0], height / size[1]], dtype=np.float32)
@@ -147,7 +146,7 @@ def detect(
 ) -> Keypoints:
     """Keypoints of a colour image with its depth (m); `detector` saves making one a frame."""
     grey = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
-    useful = may_have_depth(depth, options.edge_step)
+    useful = may_have_depth(depth)
     found = (detector or make_detector(options))(grey, useful)
     return lift(color, depth, camera, options, found)[0]
 
@@ -160,7 +159,7 @@ def lift(
     found: Detections,
 ) -> tuple[Keypoints, Int[np.ndarray, " k"]]:
     """Those detections whose depth can be trusted, and their indices; without colour, sharpness is 0."""
-    depth_at = sample_depth(depth, found.uv, options.edge_step)
+    depth_at = sample_depth(depth, found.uv)
     # A keypoint with several orientations is listed once for each; the same uv twice is no new measurement
     # for the pose, but a match may need either descriptor, so all stay here.
     kept = np.flatnonzero(np.isfinite(depth_at) & (depth_at < options.max_depth_m))
@@ -193,7 +192,7 @@ def sharpness(grey: UInt8[np.ndarray, "h w"]) -> np.float32:
     return np.float32(edges.std() / max(float(half.std()), 1.0))
 
 
-def may_have_depth(depth: Float[np.ndarray, "h w"], edge_step: float) -> UInt8[np.ndarray, "h w"]:
+def may_have_depth(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
     """Where keypoints may have a depth: 0 where `sample_depth` gives NaN all about.
 
     The 5x5 pixels about the nearest one are part of the 6x6 that it looks at.
@@ -202,11 +201,11 @@ def may_have_depth(depth: Float[np.ndarray, "h w"], edge_step: float) -> UInt8[n
     window = np.ones((5, 5), np.uint8)
     # Erosion and dilation are the minimum and the maximum over the window.
     low, high = cv2.erode(filled, window), cv2.dilate(filled, window)
-    return ((low > 0) & (high - low <= edge_step * low)).astype(np.uint8)
+    return ((low > 0) & (high - low <= EDGE_STEP * low)).astype(np.uint8)
 
 
 def sample_depth(
-    depth: Float[np.ndarray, "h w"], uv: Real[np.ndarray, "k 2"], edge_step: float
+    depth: Float[np.ndarray, "h w"], uv: Real[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, " k"]:
     """Depth (m) at sub-pixel locations, bilinear; NaN off the image, at holes and at depth edges."""
     height, width = depth.shape
@@ -219,7 +218,7 @@ def sample_depth(
     low, high = window.min(axis=(1, 2)), window.max(axis=(1, 2))  # NaN if any is missing
     # A plane seen at a slant changes steadily; the tolerance is on top of nothing, so it bounds the
     # slant too: 4 % over 6 px is 70 degrees off the axis at a focal length of 500 px.
-    smooth = (high - low) <= edge_step * low
+    smooth = (high - low) <= EDGE_STEP * low
     fu, fv = u[inside] - column, v[inside] - row
     corner = window[:, 2:4, 2:4]
     value = (

@@ -7,7 +7,7 @@ wait until what was accepted before makes the motion between their ends certain 
 2018, who look for the largest set of loop closures that agree in pairs; that may be the wrong room's).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -16,13 +16,18 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_certain, is_near
+from planfit.matching.cycles import TRANSLATION_SLACK_M, by_way_of, is_certain, is_near
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import Odometry
 
 CLEARLY = 2.0
 """Two contradict each other where they are this many times as far apart as two that agree may be: a verified
 motion may itself be 5 deg off."""
+MIN_ADVANTAGE = 1.0
+"""Of two revisits that contradict each other, the one that asks for less drift is right if the squares of
+both, in sigmas of the recorded motion, differ by this; else neither is used."""
+RIVAL_SHARE = 0.33
+"""A revisit is no rival of one that explains more than its own share of the views by this factor."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,6 @@ def find_disputes(
     idx: Int[np.ndarray, " h"],
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
     is_undecided_left: Bool[np.ndarray, " h"],
 ) -> Disputes:
     """Compare relative poses whose ends lie close enough to each other for the recorded motion to judge.
@@ -65,18 +69,17 @@ def find_disputes(
         idx: those to compare, sorted: of those that say the same, one.
         world_from_cams: recorded poses.
         odometry: how far the recorded motion may be off.
-        options: when two agree, and what decides between those that do not.
         is_undecided_left: those that go on where drift does not decide: over a gap, it never does.
     """
     own = relative_poses[idx]
-    agrees, contradicts = _compare(own, world_from_cams, odometry, options)
-    strength, drift_sq = _support(own, agrees, world_from_cams, odometry, options)
+    agrees, contradicts = _compare(own, world_from_cams, odometry)
+    strength, drift_sq = _support(own, agrees, world_from_cams, odometry)
     a, b = contradicts.nonzero()
     # What explains far less of its views, such as a poster, is no rival of a room.
-    is_rival = strength[b] >= options.rival_share * strength[a]
+    is_rival = strength[b] >= RIVAL_SHARE * strength[a]
     a, b = a[is_rival], b[is_rival]
-    wins = drift_sq[a] + options.min_advantage < drift_sq[b]
-    loses = drift_sq[b] + options.min_advantage < drift_sq[a]
+    wins = drift_sq[a] + MIN_ADVANTAGE < drift_sq[b]
+    loses = drift_sq[b] + MIN_ADVANTAGE < drift_sq[a]
     has_rival, has_lost, is_open = (np.zeros(len(idx), dtype=bool) for _ in range(3))
     has_rival[a], has_lost[a[loses]], is_open[a[~wins & ~loses]] = True, True, True
     # A visit goes on where its frames meet no rival: all that agree stand or fall together.
@@ -90,23 +93,16 @@ def _compare(
     own: RelativePoses,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Which agree and which contradict each other, (h, h); of others the recorded motion cannot say."""
     h = len(own)
     first, last = own.pairs.T
-    wide = replace(
-        options,
-        max_sigmas=CLEARLY * options.max_sigmas,
-        rotation_slack_deg=CLEARLY * options.rotation_slack_deg,
-        translation_slack_m=CLEARLY * options.translation_slack_m,
-    )
     agreeing, contradicting = [np.tile(np.arange(h), (2, 1))], []
     for k in range(h):
         rotation_i, translation_i = odometry.sigma_between(first[k : k + 1], first[k + 1 :])
         rotation_j, translation_j = odometry.sigma_between(last[k : k + 1], last[k + 1 :])
         translation = np.hypot(translation_i, translation_j)
-        close = np.flatnonzero(is_certain(translation, options))
+        close = np.flatnonzero(is_certain(translation))
         if len(close) == 0:
             continue
         others = k + 1 + close
@@ -114,8 +110,8 @@ def _compare(
         motions = np.broadcast_to(own.a_from_b[k], predicted.shape)
         sigmas = np.hypot(rotation_i, rotation_j)[close], translation[close]
         for pairs, is_such in (
-            (agreeing, is_near(motions, predicted, sigmas, options)),
-            (contradicting, ~is_near(motions, predicted, sigmas, wide)),
+            (agreeing, is_near(motions, predicted, sigmas)),
+            (contradicting, ~is_near(motions, predicted, sigmas, times=CLEARLY)),
         ):
             pairs.append(np.stack([np.full(is_such.sum(), k), others[is_such]]))
     return _symmetric(agreeing, h), _symmetric(contradicting, h)
@@ -132,7 +128,6 @@ def _support(
     agrees: sparse.csr_array,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
     """Of each with those that agree with it: the largest share of views explained, and the squared drift, in
     sigmas, that half of them ask for."""
@@ -140,7 +135,7 @@ def _support(
     recorded = se3.inverse(world_from_cams[first]) @ world_from_cams[last]
     _, sigma = odometry.sigma_between(first, last)
     off = np.linalg.norm(own.a_from_b[:, :3, 3] - recorded[:, :3, 3], axis=1)
-    drift = off / np.hypot(sigma, options.translation_slack_m)
+    drift = off / np.hypot(sigma, TRANSLATION_SLACK_M)
     explained = np.ones(len(own)) if own.explained is None else own.explained
     groups = [agrees.indices[a:b] for a, b in pairwise(agrees.indptr)]
     strength = np.array([explained[group].max() for group in groups])

@@ -21,7 +21,7 @@ from planfit.matching.relative_motions import (
 )
 from planfit.matching.tentative import ScanKeypoints, choose_tentative
 from planfit.matching.types import Matches
-from planfit.matching.view_agreement import explained_shares
+from planfit.matching.view_agreement import MAX_CONTRADICTED, explained_shares
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -70,7 +70,7 @@ def search_matches(
         nonlocal known
         new = pairs[~is_among(pairs, known.tried)]
         known = known.with_more(new, verify_pairs(scan, seen, new, options, runtime, stage))
-        found = _possible(known.of(pairs), scan, odometry, options)
+        found = _possible(known.of(pairs), scan, odometry)
         # All pairs are tried, whatever a person says, so that what was kept of them serves again.
         return found if by_hand is None else by_hand.kept(found)
 
@@ -79,7 +79,6 @@ def search_matches(
             found.relative_poses,
             scan.world_from_cams,
             odometry,
-            options.cycle_consistency,
             certain,
         )
 
@@ -95,7 +94,7 @@ def search_matches(
         is_accepted = accepted(found)
         n_tried += len(proposed)
     n_keypoints = sum(len(k) for k in seen.keypoints)
-    return matches_of(found.where(is_accepted), n_tried, n_keypoints, options), known
+    return matches_of(found.where(is_accepted), n_tried, n_keypoints), known
 
 
 def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions) -> VerifiedPairs:
@@ -105,20 +104,18 @@ def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOption
         relative_poses,
         found.points_a,
         found.points_b,
-        match_sigmas(found, options),
+        match_sigmas(found),
         are_neighbours(relative_poses.pairs, options.pairs.neighbours),
         seen.grids,
-        options.agreement,
+        MAX_CONTRADICTED,
     )
     return replace(found, relative_poses=replace(relative_poses, explained=explained))
 
 
-def _possible(
-    found: VerifiedPairs, scan: Scan, odometry: Odometry, options: MatchingOptions
-) -> VerifiedPairs:
+def _possible(found: VerifiedPairs, scan: Scan, odometry: Odometry) -> VerifiedPairs:
     """Those whose departure from the recorded motion drift can explain."""
     i, j = found.relative_poses.pairs.T
     recorded = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
     sigmas = odometry.sigma_between(i, j)
     motions = found.relative_poses.a_from_b
-    return found.where(is_near(motions, recorded, sigmas, options.cycle_consistency))
+    return found.where(is_near(motions, recorded, sigmas))

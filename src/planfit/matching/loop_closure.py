@@ -18,9 +18,12 @@ from jaxtyping import Bool, Float, Int
 from planfit.geometry import se3
 from planfit.matching.covisibility import ViewSamples
 from planfit.matching.cycles import (
-    CycleConsistencyOptions,
+    CERTAIN_SIGMA_M,
+    MAX_SIGMAS,
+    SIGMA_ROTATION_DEG,
+    SIGMA_TRANSLATION_M,
+    TRANSLATION_SLACK_M,
     by_way_of,
-    certain_sigma_m,
     is_certain,
     is_near,
     spans_any,
@@ -41,6 +44,20 @@ _CERTAIN_DEG = 5.0
 looked for among those that are certain."""
 _GAP_TIMES_USUAL = 10.0
 """A step whose sigma is this many times the median of the walk is a gap: tracking broke there."""
+MAX_UNCERTAIN_SIGMAS = 4.0
+"""Largest departure, in sigmas, where sigma is not small against a building: there, another room may lie
+within `MAX_SIGMAS`."""
+CLUSTER_M = 1.0
+"""Relative poses whose two ends lie within this much of way, m, from another's stand or fall together if they
+agree: one of them is checked."""
+STRONG_SHARE = 0.1
+"""Revisits that explain this share of both views are decided first. What explains less may be a poster, and
+is held to the drift that those show."""
+MAX_DRIFTS, MAX_WEAK_DRIFTS = 6.0, 3.0
+"""Largest departure of a strong revisit, and of the others, in sigmas of the drift that strong revisits
+show."""
+GUIDED_PER_FRAME = 6
+"""Pairs that a frame may take part in because a pair nearby was verified."""
 _PRIOR_REVISITS = 2
 """How many revisits the sigmas of the odometry weigh as, when the tracker's own drift is looked at."""
 
@@ -49,7 +66,6 @@ def cycle_consistent(
     relative_poses: RelativePoses,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
     certain: RelativePoses | None = None,
 ) -> Bool[np.ndarray, " p"]:
     """Which relative poses agree with the recorded motion and with those accepted before them.
@@ -61,7 +77,6 @@ def cycle_consistent(
         relative_poses: verified pairs of any distance in time.
         world_from_cams: recorded poses.
         odometry: how far the recorded motion may be off.
-        options: see there.
         certain: loops that are right, as a person says: all others are held to them.
     """
     is_accepted = np.zeros(len(relative_poses), dtype=bool)
@@ -69,37 +84,35 @@ def cycle_consistent(
         return is_accepted
     pairs, motions = relative_poses.pairs, relative_poses.a_from_b
     sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
-    is_sure = is_certain(sigma_translation, options)
+    is_sure = is_certain(sigma_translation)
     explained = relative_poses.explained
     is_possible = np.full(len(pairs), True) if explained is None else explained > 0
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
     sigmas = (sigma_rotation, sigma_translation)
-    is_accepted[is_sure] = is_near(motions, recorded, sigmas, options)[is_sure]
+    is_accepted[is_sure] = is_near(motions, recorded, sigmas)[is_sure]
 
     known = np.zeros((0, 2), dtype=int) if certain is None else certain.pairs
     graph = LoopGraph(world_from_cams, odometry, np.concatenate([pairs, known]))
     if certain is not None:
-        surely = options.sigma_rotation_deg, options.sigma_translation_m
+        surely = SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M
         graph.add(certain.pairs, certain.a_from_b, *surely)
-    cluster = _clusters(relative_poses, odometry, options.cluster_m)
+    cluster = _clusters(relative_poses, odometry, CLUSTER_M)
     pending, new = np.flatnonzero(~is_sure & is_possible), np.flatnonzero(is_accepted)
-    speaker = _speakers(relative_poses, pending, cluster, world_from_cams, odometry, options)
+    speaker = _speakers(relative_poses, pending, cluster, world_from_cams, odometry)
     compared = np.unique(speaker)
     over_gap = _spans_gap(pairs[compared], odometry)
-    disputes = find_disputes(relative_poses, compared, world_from_cams, odometry, options, over_gap)
+    disputes = find_disputes(relative_poses, compared, world_from_cams, odometry, over_gap)
     waits = np.zeros(len(relative_poses), dtype=bool)
     waits[pending] = disputes.waits[np.searchsorted(compared, speaker)]
     telling = pending[~waits[pending]]
-    narrowing = _narrowing(relative_poses, telling, cluster, recorded, odometry, options)
+    narrowing = _narrowing(relative_poses, telling, cluster, recorded, odometry)
     while len(pending):
-        graph.add(pairs[new], motions[new], options.sigma_rotation_deg, options.sigma_translation_m)
+        graph.add(pairs[new], motions[new], SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M)
         heads = _heads(pending, cluster, relative_poses, waits)
-        decided, holds = _decide(graph, relative_poses, heads, waits, disputes, narrowing, options)
+        decided, holds = _decide(graph, relative_poses, heads, waits, disputes, narrowing)
         if len(decided) == 0:
             break
-        follows = _followed(
-            relative_poses, pending, decided, cluster, world_from_cams, odometry, options
-        )
+        follows = _followed(relative_poses, pending, decided, cluster, world_from_cams, odometry)
         # By relative pose, so that followers (-1: of none, masked out) look up what their head came to.
         head_holds = np.zeros(len(relative_poses), dtype=bool)
         head_holds[decided] = holds
@@ -125,10 +138,10 @@ def propose_loop_closures(
         view_idx: frames that stand for their like, increasing.
         world_from_cams: recorded poses.
         samples: what each frame shows.
-        options: `guided_per_frame` bounds the pairs of a frame.
+        options: `neighbours` are no loop closures.
     """
     loops = accepted[accepted.pairs[:, 1] - accepted.pairs[:, 0] > options.neighbours]
-    if len(loops) == 0 or options.guided_per_frame == 0:
+    if len(loops) == 0 or GUIDED_PER_FRAME == 0:
         return np.zeros((0, 2), dtype=int)
     found, source = _pairs_around(loops.pairs, view_idx, options.neighbours)
     # A pair as one number, i n + j, so that a set of pairs is a set of numbers.
@@ -143,7 +156,7 @@ def propose_loop_closures(
     is_covisible = covisibility > _MIN_COVISIBILITY
     found, covisibility = found[is_covisible], covisibility[is_covisible]
     order = in_order_of_visits(found, -covisibility)
-    return np.unique(within_budget(found[order], options.guided_per_frame), axis=0)
+    return np.unique(within_budget(found[order], GUIDED_PER_FRAME), axis=0)
 
 
 def _decide(
@@ -153,7 +166,6 @@ def _decide(
     waits: np.ndarray,
     disputes: Disputes,
     narrowing: np.ndarray,
-    options: CycleConsistencyOptions,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Those of `heads` that are decided now (d,), and whether each agrees with the graph (d,).
 
@@ -161,11 +173,11 @@ def _decide(
     the sigma of the translation to each, where nothing is certain.
     """
     # Most rounds decide what has become certain: short paths, a tenth of the time of all.
-    within_m = np.hypot(certain_sigma_m(options), LEVER_M * np.deg2rad(_CERTAIN_DEG))
+    within_m = np.hypot(CERTAIN_SIGMA_M, LEVER_M * np.deg2rad(_CERTAIN_DEG))
     pairs = relative_poses.pairs[heads]
     predicted, sigma_rotation, sigma_translation = graph.most_certain_path(pairs, within_m)
-    is_now = is_certain(sigma_translation, options)
-    most = options.max_sigmas
+    is_now = is_certain(sigma_translation)
+    most = MAX_SIGMAS
     if not is_now.any():
         predicted, sigma_rotation, sigma_translation = graph.most_certain_path(pairs)
         # Nothing is certain: the tenth goes next that is the most certain for what it explains of the views,
@@ -176,20 +188,18 @@ def _decide(
         free = np.flatnonzero(~waits[heads])
         tenth = free[np.argsort(doubt[free], kind="stable")[: len(free) // 10 + 1]]
         is_now[tenth[disputes.first_of_rivals(heads[tenth])]] = True
-        most = options.max_uncertain_sigmas
+        most = MAX_UNCERTAIN_SIGMAS
         sigma_translation = sigma_translation * narrowing[heads]
     decided = heads[is_now]
     sigmas = (sigma_rotation[is_now], sigma_translation[is_now])
-    return decided, is_near(
-        relative_poses.a_from_b[decided], predicted[is_now], sigmas, options, most
-    )
+    return decided, is_near(relative_poses.a_from_b[decided], predicted[is_now], sigmas, most)
 
 
-def _is_strong(relative_poses: RelativePoses, options: CycleConsistencyOptions) -> np.ndarray:
+def _is_strong(relative_poses: RelativePoses) -> np.ndarray:
     """Which relative poses explain much of both views (p,); all where nobody compared them."""
     if relative_poses.explained is None:
         return np.ones(len(relative_poses), dtype=bool)
-    return relative_poses.explained >= options.strong_share
+    return relative_poses.explained >= STRONG_SHARE
 
 
 def _narrowing(
@@ -198,14 +208,13 @@ def _narrowing(
     cluster: np.ndarray,
     recorded: np.ndarray,
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> np.ndarray:
     """Factor (p,), at most 1, on the sigma of the recorded translation over the ends of each relative pose.
 
     Sigmas are made for the worst of trackers. How far this one drifted, the strong revisits tell: most of
     them are right, so the median of their departures is that of the drift.
     """
-    is_strong = _is_strong(relative_poses, options)
+    is_strong = _is_strong(relative_poses)
     is_over_gap = _spans_gap(relative_poses.pairs, odometry)
     strong = _heads(pending[is_strong[pending]], cluster, relative_poses)
     strong = strong[~is_over_gap[strong]]
@@ -213,14 +222,14 @@ def _narrowing(
         return np.ones(len(relative_poses))
     off = relative_poses.a_from_b[strong, :3, 3] - recorded[strong, :3, 3]
     _, sigma_translation = odometry.sigma_between(*relative_poses.pairs[strong].T)
-    slack = options.translation_slack_m
+    slack = TRANSLATION_SLACK_M
     sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation, slack)
     # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say little:
     # as if _PRIOR_REVISITS more had said what the sigmas say.
     share_sq = (np.median(sigmas) / 1.538) ** 2
     drift = np.sqrt((len(strong) * share_sq + _PRIOR_REVISITS) / (len(strong) + _PRIOR_REVISITS))
-    own = np.where(is_strong, options.max_drifts, options.max_weak_drifts) * drift
-    return np.where(is_over_gap, 1.0, np.minimum(own / options.max_uncertain_sigmas, 1.0))
+    own = np.where(is_strong, MAX_DRIFTS, MAX_WEAK_DRIFTS) * drift
+    return np.where(is_over_gap, 1.0, np.minimum(own / MAX_UNCERTAIN_SIGMAS, 1.0))
 
 
 def _spans_gap(pairs: np.ndarray, odometry: Odometry) -> np.ndarray:
@@ -260,14 +269,13 @@ def _speakers(
     cluster: np.ndarray,
     world_from_cams: np.ndarray,
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> np.ndarray:
     """For each pending relative pose (q,) the one of its cluster that says the same and explains most."""
     speaker, left = pending.copy(), np.arange(len(pending))
     while len(left):
         heads = _heads(pending[left], cluster, relative_poses)
         follows = _followed(
-            relative_poses, pending[left], heads, cluster, world_from_cams, odometry, options
+            relative_poses, pending[left], heads, cluster, world_from_cams, odometry
         )
         is_spoken_for = follows >= 0
         speaker[left[is_spoken_for]] = follows[is_spoken_for]
@@ -282,7 +290,6 @@ def _followed(
     cluster: np.ndarray,
     world_from_cams: np.ndarray,
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> np.ndarray:
     """For each pending relative pose (q,) the decided one of its cluster that it agrees with, or -1.
 
@@ -304,7 +311,7 @@ def _followed(
         odometry.sigma_between(m, j),
     )
     sigmas = (np.hypot(rotation_a, rotation_b), np.hypot(translation_a, translation_b))
-    agrees = is_near(motions[own], predicted, sigmas, options)
+    agrees = is_near(motions[own], predicted, sigmas)
     follows[other[agrees]] = heads[agrees]
     return follows
 

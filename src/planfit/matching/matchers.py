@@ -6,9 +6,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Int, Shaped
 
-from planfit.errors import require_choice, require_share
+from planfit.errors import require_choice
 from planfit.matching.pair_kernels import mutual_nearest
 from planfit.matching.types import Keypoints, Matcher
+
+MAX_RATIO = 0.85
+"""Best over second-best descriptor distance; a match of nearest neighbours above it is ambiguous (Lowe
+2004)."""
 
 
 @dataclass(frozen=True)
@@ -18,9 +22,6 @@ class MatcherOptions:
     kind: Literal["nearest", "lightglue", "superglue"] = "nearest"
     """Mutual nearest neighbours by descriptor; or a learned matcher for superpoint keypoints
     (`planfit[learned]`)."""
-    max_ratio: float = 0.85
-    """Best over second-best descriptor distance; a match above it is ambiguous (Lowe 2004). Of
-    `nearest` only."""
     weights: str = ""
     """Hub name or folder of a learned matcher's weights; empty takes ETH-CVG/lightglue_superpoint or
     magic-leap-community/superglue_indoor."""
@@ -30,7 +31,6 @@ class MatcherOptions:
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "nearest", "lightglue", "superglue")
-        require_share(self, "max_ratio")
 
 
 _WEIGHTS = {
@@ -51,13 +51,13 @@ def make_matcher(options: MatcherOptions) -> Matcher:
         return glue(options.kind, options.weights or _WEIGHTS[options.kind], options.device)
 
     def match(a: Keypoints, b: Keypoints, _: object, __: object) -> Int[np.ndarray, "m 2"]:
-        return match_descriptors(a.descriptors, b.descriptors, options.max_ratio)
+        return match_descriptors(a.descriptors, b.descriptors)
 
     return match
 
 
 def match_descriptors(
-    a: Shaped[np.ndarray, "k d"], b: Shaped[np.ndarray, "l d"], max_ratio: float
+    a: Shaped[np.ndarray, "k d"], b: Shaped[np.ndarray, "l d"]
 ) -> Int[np.ndarray, "m 2"]:
     """Mutual nearest neighbours among descriptors that pass the ratio test (Lowe 2004)."""
     if len(a) < 2 or len(b) < 2:
@@ -65,6 +65,6 @@ def match_descriptors(
     a, b = a.astype(np.float32), b.astype(np.float32)
     # |a - b|^2 = |a|^2 + |b|^2 - 2 ab: one product of matrices does nearly all the work.
     norms_a, norms_b = np.einsum("ij,ij->i", a, a), np.einsum("ij,ij->i", b, b)
-    nearest = mutual_nearest(a @ b.T, norms_a, norms_b, max_ratio**2)
+    nearest = mutual_nearest(a @ b.T, norms_a, norms_b, MAX_RATIO**2)
     idx = np.flatnonzero(nearest >= 0)
     return np.stack([idx, nearest[idx]], axis=1)

@@ -14,9 +14,8 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.cycles import is_near, spans_any
-from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import NeighbourMotions, match_sigmas
-from planfit.matching.view_agreement import compare
+from planfit.matching.view_agreement import MAX_CONTRADICTED, compare
 from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
 
 MIN_SHARED = 0.05
@@ -32,7 +31,6 @@ def without_misled(
     known: NeighbourMotions,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: MatchingOptions,
 ) -> NeighbourMotions:
     """Leave out verified pairs where the recorded motion is the better explanation of both views.
 
@@ -40,20 +38,19 @@ def without_misled(
         known: neighbours that keypoints brought together.
         world_from_cams: recorded poses.
         odometry: how far they may be off.
-        options: when two motions agree, and when views do.
     """
     verified = known.verified
     pairs, measured = verified.relative_poses.pairs, verified.relative_poses.a_from_b
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
     sigmas = odometry.sigma_between(*pairs.T)
-    agrees = is_near(measured, recorded, sigmas, options.cycle_consistency)
+    agrees = is_near(measured, recorded, sigmas)
     if agrees.all():
         return known
     is_asked = ~agrees
     usual = np.flatnonzero(agrees)
     is_asked[usual[:: max(1, -(-len(usual) // MAX_USUAL))]] = True
     asked = verified.where(is_asked)
-    rest = match_sigmas(asked, options), known.keypoints.grids, options.agreement
+    rest = match_sigmas(asked), known.keypoints.grids
     by_measured, by_recorded = (
         compare(
             replace(asked.relative_poses, a_from_b=motions[is_asked]),
@@ -63,7 +60,7 @@ def without_misled(
         for motions in (measured, recorded)
     )
     measured_share, recorded_share = (
-        views.rest_explained(agrees[is_asked], options.agreement)
+        views.rest_explained(agrees[is_asked], MAX_CONTRADICTED)
         for views in (by_measured, by_recorded)
     )
     # By the views, where they share enough by the recorded motion; else, or where that is as good, by steps.

@@ -3,13 +3,10 @@
 from dataclasses import dataclass, field
 
 from planfit.errors import require
-from planfit.matching.cycles import CycleConsistencyOptions
 from planfit.matching.detect import KeypointOptions
 from planfit.matching.matchers import MatcherOptions
 from planfit.matching.pairs import PairOptions
 from planfit.matching.surfaces.options import SurfaceOptions
-from planfit.matching.verify import VerifyOptions
-from planfit.matching.view_agreement import AgreementOptions
 
 
 @dataclass(frozen=True)
@@ -22,13 +19,6 @@ class MatchingOptions:
     """How keypoints of two frames are matched."""
     pairs: PairOptions = field(default_factory=PairOptions)
     """Which frames are tried with which."""
-    verify: VerifyOptions = field(default_factory=VerifyOptions)
-    """When matches of a pair are accepted."""
-    agreement: AgreementOptions = field(default_factory=AgreementOptions)
-    """When the rest of two views agrees with the motion that their keypoints gave."""
-    cycle_consistency: CycleConsistencyOptions = field(default_factory=CycleConsistencyOptions)
-    """Which relative poses are those of look-alikes: they depart from what else is known by more than its
-    sigma explains."""
     surfaces: SurfaceOptions = field(default_factory=SurfaceOptions)
     """Matches by geometry, for frames with few matched keypoints."""
     colmap: str = ""

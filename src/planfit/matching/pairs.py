@@ -31,6 +31,21 @@ _CELL_FORWARD = 0.18
 _VISIT_WALKED_M = 3.0
 """Views in one cell are another visit once the camera has walked this much further."""
 
+BASE_DISTANCE_M = 2.5
+"""Cameras of a revisit are at most this far apart, m, plus what drift may add."""
+MAX_DISTANCE_M = 8.0
+"""Largest distance between cameras, m, drift included, where nothing but the poses is known."""
+MAX_ANGLE_DEG = 65.0
+"""Largest angle between the viewing directions of a revisit."""
+VIEW_DISTANCE_M = 4.0
+"""Views are compared at this distance, m, in front of the camera: two cameras that look at one spot from
+different places are nearer than two that stand together and look apart."""
+RETRIEVED_PER_FRAME = 4
+"""Pairs of each frame that are proposed by retrieval: their frame descriptors are alike, wherever drift may
+have put them."""
+MAX_DRIFT_SIGMAS = 6.0
+"""Retrieved pairs are proposed only where drift of at most this many sigmas can explain them."""
+
 
 @dataclass(frozen=True)
 class PairOptions:
@@ -40,25 +55,9 @@ class PairOptions:
     """Each frame is tried with this many that follow it."""
     loops_per_frame: int = 8
     """Pairs a frame may take part in as a revisit: of each visit the nearest views first."""
-    guided_per_frame: int = 6
-    """Pairs a frame may take part in besides, because a pair nearby was verified."""
-    base_distance_m: float = 2.5
-    """Cameras of a revisit are at most this far apart, plus what drift may add."""
-    max_distance_m: float = 8.0
-    """Largest distance between cameras, drift included, where nothing but the poses is known."""
-    max_angle_deg: float = 65.0
-    """Largest angle between the viewing directions of a revisit."""
-    view_distance_m: float = 4.0
-    """Views are compared at this distance in front of the camera: two cameras that look at one spot
-    from different places are nearer than two that stand together and look apart."""
-    retrieved_per_frame: int = 4
-    """Pairs of each frame that are proposed by retrieval: their frame descriptors are alike, wherever
-    drift may have put them."""
-    max_drift_sigmas: float = 6.0
-    """Retrieved pairs are proposed only where drift of at most this many sigmas can explain them."""
 
     def __post_init__(self) -> None:
-        require_positive(self, "neighbours", "max_distance_m", "max_angle_deg")
+        require_positive(self, "neighbours")
 
 
 @dataclass(frozen=True)
@@ -186,7 +185,7 @@ def _revisits(
         gap = -covisibility / (1.0 + drift / _DRIFT_M) - 2 * similarity
         retrieved, similarity = _retrieved(views, odometry, options, descriptors.vectors)
         order = in_order_of_visits(retrieved, -similarity)
-        retrieved = within_budget(retrieved[order], options.retrieved_per_frame)
+        retrieved = within_budget(retrieved[order], RETRIEVED_PER_FRAME)
     # What the camera saw a moment ago is always the most alike, and tells the least about drift.
     is_recent = np.abs(walked[pairs[:, 1]] - walked[pairs[:, 0]]) < RECENT_M
     old, recent = (pairs[m][in_order_of_visits(pairs[m], gap[m])] for m in (~is_recent, is_recent))
@@ -201,11 +200,11 @@ def _near_views(
     views: Views, odometry: Odometry, options: PairOptions
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (p, 2) of frames within the gate that drift allows, and how far apart the views are (p,)."""
-    ahead = views.centres + options.view_distance_m * views.forward
+    ahead = views.centres + VIEW_DISTANCE_M * views.forward
     # Nearest in six numbers, of the centre and of the spot ahead; beyond `reach` no pair passes the gate.
     location = np.hstack([views.centres, ahead])
     k = min(_N_NEAREST, len(location))
-    reach = np.hypot(options.max_distance_m, options.max_distance_m + 2 * options.view_distance_m)
+    reach = np.hypot(MAX_DISTANCE_M, MAX_DISTANCE_M + 2 * VIEW_DISTANCE_M)
     _, found = cKDTree(location).query(location, k=k, distance_upper_bound=reach)
     a = np.repeat(np.arange(len(location)), k)
     b = found.reshape(-1)
@@ -217,8 +216,8 @@ def _near_views(
     distance = np.linalg.norm(views.centres[a] - views.centres[b], axis=1)
     ok = (
         (j - i > options.neighbours)
-        & (distance < np.minimum(options.base_distance_m + 2 * drift, options.max_distance_m))
-        & (_cosine(views, a, b) > np.cos(np.deg2rad(options.max_angle_deg)))
+        & (distance < np.minimum(BASE_DISTANCE_M + 2 * drift, MAX_DISTANCE_M))
+        & (_cosine(views, a, b) > np.cos(np.deg2rad(MAX_ANGLE_DEG)))
     )
     gap = np.linalg.norm(ahead[a] - ahead[b], axis=1) + distance
     return np.column_stack([i, j])[ok], gap[ok]
@@ -233,8 +232,8 @@ def _retrieved(
         i, j = views.frame_idx[a], views.frame_idx[b]
         sigma_rotation, sigma_translation = odometry.sigma_between(i, j)
         distance = np.linalg.norm(views.centres[a] - views.centres[b], axis=-1)
-        angle = np.deg2rad(options.max_angle_deg) + options.max_drift_sigmas * sigma_rotation
-        reach = options.base_distance_m + options.max_drift_sigmas * sigma_translation
+        angle = np.deg2rad(MAX_ANGLE_DEG) + MAX_DRIFT_SIGMAS * sigma_rotation
+        reach = BASE_DISTANCE_M + MAX_DRIFT_SIGMAS * sigma_translation
         return (
             (np.abs(j - i) > options.neighbours)
             & (distance < reach)
@@ -242,9 +241,7 @@ def _retrieved(
         )
 
     # Twice the budget: half of them are taken by frames that have theirs already.
-    pairs, similarity = most_similar(
-        vectors[views.frame_idx], 2 * options.retrieved_per_frame, possible
-    )
+    pairs, similarity = most_similar(vectors[views.frame_idx], 2 * RETRIEVED_PER_FRAME, possible)
     return views.frame_idx[pairs], similarity
 
 

@@ -10,7 +10,7 @@ from planfit.errors import ScanError
 from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import Matches, RelativePoses
-from planfit.matching.verify import match_sigma, verify
+from planfit.matching.verify import MIN_INLIERS, match_sigma, verify
 from planfit.runtime import Arrays, Runtime, cache_key, map_rows
 from planfit.scan import Scan
 
@@ -47,31 +47,28 @@ class VerifiedPairs:
         )
 
 
-def match_sigmas(verified: VerifiedPairs, options: MatchingOptions) -> Float[np.ndarray, " p"]:
+def match_sigmas(verified: VerifiedPairs) -> Float[np.ndarray, " p"]:
     """Standard deviation of a match of each pair, m, each axis: the median of its matches."""
     return np.array(
         [
-            np.median(match_sigma(a, b, options.verify))
+            np.median(match_sigma(a, b))
             for a, b in zip(verified.points_a, verified.points_b, strict=True)
         ]
     )
 
 
-def matches_of(
-    accepted: VerifiedPairs, n_tried: int, n_keypoints: int, options: MatchingOptions
-) -> Matches:
+def matches_of(accepted: VerifiedPairs, n_tried: int, n_keypoints: int) -> Matches:
     """Matches of accepted pairs, which are sorted by pair.
 
     Args:
         accepted: verified, and consistent with the others.
         n_tried: pairs that were looked at.
         n_keypoints: of all frames.
-        options: of matching.
     """
     start = np.cumsum([0, *accepted.relative_poses.n_inliers])
     shape, sigma = (int(start[-1]), 3), np.zeros(int(start[-1]), np.float32)
     for k, (a, b) in enumerate(zip(accepted.points_a, accepted.points_b, strict=True)):
-        sigma[start[k] : start[k + 1]] = match_sigma(a, b, options.verify)
+        sigma[start[k] : start[k + 1]] = match_sigma(a, b)
     return Matches(
         pairs=accepted.relative_poses.pairs,
         start=start,
@@ -197,9 +194,7 @@ def verify_pairs(
     stage: str,
 ) -> VerifiedPairs:
     """Those of the pairs that hold together, in their order. Poses have no say in it."""
-    key = cache_key(
-        seen.key, stage, "float32", options.matcher, options.verify, options.seed, pairs.tobytes()
-    )
+    key = cache_key(seen.key, stage, "float32", options.matcher, options.seed, pairs.tobytes())
     compute = partial(_verify_pair, scan, seen, pairs, options)
     items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
@@ -225,7 +220,7 @@ def _verify_pair(
     nowhere = np.zeros((0, 3), np.float32)
     none = {"points_a": nowhere, "points_b": nowhere, "a_from_b": np.eye(4)}
     idx = seen.of_pair(i, j)
-    if len(idx) < options.verify.min_inliers:
+    if len(idx) < MIN_INLIERS:
         return none
     points_a = a.points_cam[idx[:, 0]].astype(float)
     points_b = b.points_cam[idx[:, 1]].astype(float)
@@ -236,7 +231,6 @@ def _verify_pair(
         b.uv[idx[:, 1]],
         scan.cameras[i],
         scan.cameras[j],
-        options.verify,
         # By seed and pair: the result depends neither on the order of pairs nor on the number of threads.
         np.random.default_rng([options.seed, i, j]),
     )

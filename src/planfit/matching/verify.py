@@ -5,34 +5,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching.verify_kernels import agreeing, best_motion, fit_triples, rigid_triples
 
-
-@dataclass(frozen=True)
-class VerifyOptions:
-    """When matches of a pair are accepted."""
-
-    sigma_base_m: float = 0.02
-    """Standard deviation of a lifted keypoint at no distance, each axis."""
-    sigma_per_m: float = 0.01
-    """Growth of that sigma with depth."""
-    max_sigmas: float = 3.0
-    """Distance between two lifted keypoints, in sigmas, up to which they are one point."""
-    max_reprojection_px: float = 4.0
-    """Distance in either image up to which they are one point."""
-    min_inliers: int = 15
-    """Matches that must agree; fewer do so by chance among look-alike textures."""
-    min_inlier_ratio: float = 0.2
-    """Share of the tentative matches that must agree."""
-    rounds: int = 300
-    """Random triples tried."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_sigmas", "max_reprojection_px", "rounds")
-        require_share(self, "min_inlier_ratio")
+SIGMA_BASE_M = 0.02
+"""Standard deviation of a lifted keypoint at no distance, m, each axis."""
+SIGMA_PER_M = 0.01
+"""Growth of that sigma with depth."""
+MAX_SIGMAS = 3.0
+"""Distance between two lifted keypoints, in sigmas, up to which they are one point."""
+MAX_REPROJECTION_PX = 4.0
+"""Distance in either image up to which they are one point."""
+MIN_INLIERS = 15
+"""Matches that must agree; fewer do so by chance among look-alike textures."""
+MIN_INLIER_RATIO = 0.2
+"""Share of the tentative matches that must agree."""
+ROUNDS = 300
+"""Random triples tried."""
 
 
 @dataclass(frozen=True)
@@ -43,17 +33,17 @@ class RelativePose:
     is_inlier: Bool[np.ndarray, " m"]
 
 
-def point_sigma(depth: Float[np.ndarray, " m"], options: VerifyOptions) -> Float[np.ndarray, " m"]:
+def point_sigma(depth: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
     """Standard deviation of a lifted keypoint (m), each axis, at a depth (m)."""
-    return options.sigma_base_m + options.sigma_per_m * depth
+    return SIGMA_BASE_M + SIGMA_PER_M * depth
 
 
 def match_sigma(
-    points_a: Float[np.ndarray, "m 3"], points_b: Float[np.ndarray, "m 3"], options: VerifyOptions
+    points_a: Float[np.ndarray, "m 3"], points_b: Float[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " m"]:
     """Standard deviation (m) of the difference of two lifted keypoints, camera frames, each axis; float64."""
     depth_a, depth_b = (points[:, 2].astype(float) for points in (points_a, points_b))
-    return np.hypot(point_sigma(depth_a, options), point_sigma(depth_b, options))
+    return np.hypot(point_sigma(depth_a), point_sigma(depth_b))
 
 
 def verify(
@@ -63,7 +53,6 @@ def verify(
     uv_b: Float[np.ndarray, "m 2"],
     camera_a: Camera,
     camera_b: Camera,
-    options: VerifyOptions,
     rng: np.random.Generator,
 ) -> RelativePose | None:
     """RANSAC (Fischler and Bolles 1981) over rigid motions from triples of lifted matches.
@@ -72,18 +61,17 @@ def verify(
         points_a, points_b: m, camera frames.
         uv_a, uv_b: px.
         camera_a, camera_b: of the two frames.
-        options: see there.
         rng: draws the triples.
 
     Returns None where too few agree.
     """
     m = len(points_a)
-    if m < max(options.min_inliers, 3):
+    if m < max(MIN_INLIERS, 3):
         return None
-    tolerance = options.max_sigmas * match_sigma(points_a, points_b, options)
+    tolerance = MAX_SIGMAS * match_sigma(points_a, points_b)
     # Most wrong triples fall before any fit; four times the rounds are drawn for that reason.
-    drawn = rng.integers(m, size=(4 * options.rounds, 3))
-    triples = drawn[rigid_triples(drawn, points_a, points_b, tolerance, options.rounds)]
+    drawn = rng.integers(m, size=(4 * ROUNDS, 3))
+    triples = drawn[rigid_triples(drawn, points_a, points_b, tolerance, ROUNDS)]
     if len(triples) == 0:
         return None
     candidates = fit_triples(triples, points_a, points_b)
@@ -100,9 +88,9 @@ def verify(
             uv_b,
             cameras,
             tolerance,
-            options.max_reprojection_px,
+            MAX_REPROJECTION_PX,
         )
-        if is_inlier.sum() < max(options.min_inliers, options.min_inlier_ratio * m):
+        if is_inlier.sum() < max(MIN_INLIERS, MIN_INLIER_RATIO * m):
             return None
         a_from_b = se3.fit_rigid(
             points_b[is_inlier], points_a[is_inlier], 1.0 / tolerance[is_inlier] ** 2

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.errors import require_positive, require_share
 from planfit.geometry import se3
 from planfit.matching.agreement_kernels import compare_views
 from planfit.matching.types import RelativePoses
@@ -23,36 +22,25 @@ BLOCK = 8
 """Greys are compared outside the blocks, of this many cells a side, with a matched keypoint."""
 PAIRS_AT_A_TIME = 512
 """Views are compared in parts of so many pairs: what is needed of their matches takes 0.2 kB a match."""
-_MAX_OBSERVATIONS = 40.0
+MAX_OBSERVATIONS = 40.0
 """Effective observations that the matches of a pair are worth at most, as in the adjustment."""
 
 
-@dataclass(frozen=True)
-class AgreementOptions:
-    """When the rest of two views agrees with the motion that their keypoints gave."""
-
-    base_m: float = 0.06
-    """Departure in depth that is always allowed."""
-    per_m: float = 0.03
-    """What it grows by with depth."""
-    sigmas_of_rotation: float = 0.5
-    """And with the standard deviation of the motion's rotation, times the distance from the keypoints. Small,
-    so that the motions of small objects are doubted."""
-    max_contradicted: float = 0.03
-    """Share of what both views could see that the other looks past, from which on the motion explains
-    nothing, where depth is exact."""
-    usual_factor: float = 1.5
-    """The same as a multiple of what 95 % of the neighbouring frames stay below, where depth is not exact.
-    ConSLAM's interpolated depth: 13 %; a time-of-flight camera: 0.5 %."""
-
-    max_contradicted_between: float = 0.5
-    """The same of views of two scans of one building, between which things may have been moved. With all
-    furniture changed, right motions in a synthetic flat are contradicted by 8 % (median) and 27 % (19 of
-    20)."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "base_m", "usual_factor")
-        require_share(self, "max_contradicted", "max_contradicted_between")
+BASE_M, PER_M = 0.06, 0.03
+"""Departure in depth that is always allowed, m, and what it grows by with depth."""
+SIGMAS_OF_ROTATION = 0.5
+"""Growth of that departure with the standard deviation of the motion's rotation, times the distance from the
+keypoints. Small, so that the motions of small objects are doubted."""
+MAX_CONTRADICTED = 0.03
+"""Share of what both views could see that the other looks past, from which on the motion explains nothing,
+where depth is exact."""
+USUAL_FACTOR = 1.5
+"""The same as a multiple of what 95 % of the neighbouring frames stay below, where depth is not exact.
+ConSLAM's interpolated depth: 13 %; a time-of-flight camera: 0.5 %."""
+MAX_CONTRADICTED_BETWEEN = 0.5
+"""`MAX_CONTRADICTED` of views of two scans of one building, between which things may have been moved. With
+all furniture changed, right motions in a synthetic flat are contradicted by 8 % (median) and 27 % (19 of
+20)."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +57,18 @@ class Agreement:
     """Share of the cells that both could see."""
 
     def rest_explained(
-        self, is_neighbour: Bool[np.ndarray, " p"], options: AgreementOptions
+        self, is_neighbour: Bool[np.ndarray, " p"], max_contradicted: float
     ) -> Float[np.ndarray, " p"]:
-        """What is not contradicted, times the likeness of what was not matched, 0 to 1."""
-        most = options.max_contradicted
+        """What is not contradicted, times the likeness of what was not matched, 0 to 1.
+
+        Args:
+            is_neighbour: pairs whose motion is surely right: they say how exact depth is.
+            max_contradicted: share from which on a motion explains nothing, where depth is exact.
+        """
+        most = max_contradicted
         if is_neighbour.any():
             usual = float(np.percentile(self.contradicted[is_neighbour], 95))
-            most = max(most, options.usual_factor * usual)
+            most = max(most, USUAL_FACTOR * usual)
         return np.clip(1.0 - self.contradicted / most, 0.0, 1.0) * self.likeness
 
 
@@ -86,7 +79,7 @@ def explained_shares(
     sigma_m: Float[np.ndarray, " p"],
     is_neighbour: Bool[np.ndarray, " p"],
     grids: ViewGrids,
-    options: AgreementOptions,
+    max_contradicted: float,
 ) -> Float[np.ndarray, " p"]:
     """How much of both views each motion explains, 0 (nothing, or it is contradicted) to 1.
 
@@ -98,10 +91,10 @@ def explained_shares(
         sigma_m: standard deviation of a match of each pair, m, each axis.
         is_neighbour: pairs whose motion is surely right: they say how exact depth is.
         grids: what all frames show.
-        options: see there.
+        max_contradicted: see `Agreement.rest_explained`.
     """
-    found = compare(relative_poses, points_a, points_b, sigma_m, grids, options)
-    return found.matched * found.rest_explained(is_neighbour, options)
+    found = compare(relative_poses, points_a, points_b, sigma_m, grids)
+    return found.matched * found.rest_explained(is_neighbour, max_contradicted)
 
 
 def compare(
@@ -110,14 +103,13 @@ def compare(
     points_b: Sequence[Float[np.ndarray, "_ 3"]],
     sigma_m: Float[np.ndarray, " p"],
     grids: ViewGrids,
-    options: AgreementOptions,
 ) -> Agreement:
     """Project either view of each pair into the other; arguments as of `explained_shares`."""
 
     def of(first: int) -> tuple[np.ndarray, ...]:
         part = slice(first, first + PAIRS_AT_A_TIME)
         ends = relative_poses.pairs[part], relative_poses.a_from_b[part]
-        return _compare(*ends, points_a[part], points_b[part], sigma_m[part], grids, options)
+        return _compare(*ends, points_a[part], points_b[part], sigma_m[part], grids)
 
     parts = in_threads(of, range(0, max(len(relative_poses), 1), PAIRS_AT_A_TIME))
     return Agreement(*(np.concatenate(each) for each in zip(*parts, strict=True)))
@@ -130,10 +122,9 @@ def _compare(
     points_b: Sequence[Float[np.ndarray, "_ 3"]],
     sigma_m: Float[np.ndarray, " p"],
     grids: ViewGrids,
-    options: AgreementOptions,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The parts of an `Agreement`, of some pairs."""
-    tolerance = np.array([options.base_m, options.per_m, options.sigmas_of_rotation])
+    tolerance = np.array([BASE_M, PER_M, SIGMAS_OF_ROTATION])
     matched, cells, likeness = [], [], []
     for ends, motion, points in (
         (pairs, motions, points_a),
@@ -215,5 +206,5 @@ def _spread(
     off = every - np.repeat(middle, size, axis=0)
     covariance = np.add.reduceat(off[:, :, None] * off[:, None, :], start) / size[:, None, None]
     extent = np.linalg.eigvalsh(covariance)[:, 1]
-    n_effective = np.minimum(size, _MAX_OBSERVATIONS)
+    n_effective = np.minimum(size, MAX_OBSERVATIONS)
     return middle, sigma_m / np.sqrt(n_effective * np.maximum(extent, 1e-4))

@@ -7,7 +7,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
-from planfit.matching.cycles import CycleConsistencyOptions, by_way_of, is_near
+from planfit.matching.cycles import by_way_of, is_near
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.types import Matches, RelativePoses
 from planfit.runtime import let_go
@@ -53,7 +53,6 @@ def group_visits(
     relative_poses: RelativePoses,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> Int[np.ndarray, " p"]:
     """Number of the visit that each pair belongs to; -1 where its frames are neighbours on the walk.
 
@@ -71,7 +70,7 @@ def group_visits(
     (i, j), (k, m) = one.pairs.T, other.pairs.T
     first, second = odometry.sigma_between(i, k), odometry.sigma_between(m, j)
     sigmas = (np.hypot(first[0], second[0]), np.hypot(first[1], second[1]))
-    a, b = links[is_near(one.a_from_b, predicted, sigmas, options)].T
+    a, b = links[is_near(one.a_from_b, predicted, sigmas)].T
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(far), len(far)))
     visit[far] = connected_components(graph, directed=False)[1]
     return visit

@@ -15,7 +15,6 @@ from planfit.adjust.calibration import estimate_without_plan
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.matching import MatchingOptions
 from planfit.matching.relative_motions import VerifiedPairs, matches_of
 from planfit.matching.verify import match_sigma
 from planfit.pipeline.options import RefineOptions
@@ -68,23 +67,21 @@ def sensor_by_neighbours(
     """
     if options.adjust.geometric != "points" or len(verified) == 0:
         return NOMINAL
-    matches = matches_of(verified, len(verified), 0, options.matching)
+    matches = matches_of(verified, len(verified), 0)
     measured = Measurements(matches, no_structure(len(world_from_keys)), odometry, cameras)
 
     solved = build_problem(measured, options.adjust, world_from_keys).solve().target_from_cams
     return estimate_without_plan(measured, solved, options.adjust, options.calibration).sensor
 
 
-def corrected_pairs(
-    verified: VerifiedPairs, sensor: SensorCalibration, options: MatchingOptions
-) -> VerifiedPairs:
+def corrected_pairs(verified: VerifiedPairs, sensor: SensorCalibration) -> VerifiedPairs:
     """Pairs with their points corrected, and the motions that these give."""
     if sensor.is_nominal:
         return verified
     points_a = [sensor.points(points) for points in verified.points_a]
     points_b = [sensor.points(points) for points in verified.points_b]
     motions = [
-        se3.fit_rigid(b, a, 1.0 / match_sigma(a, b, options.verify) ** 2)
+        se3.fit_rigid(b, a, 1.0 / match_sigma(a, b) ** 2)
         for a, b in zip(points_a, points_b, strict=True)
     ]
     relative = replace(verified.relative_poses, a_from_b=np.array(motions).reshape(-1, 4, 4))

@@ -136,9 +136,7 @@ def _tried_with_jumps(
     """The walk with the jump at each undecided step where it lets loops close, aligned."""
     seen, torn = calibrated.observations, len(calibrated.prepared.torn_steps)
     assert seen.tracking is not None
-    hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(
-        seen.tracking, seen.matches, options.matching.verify
-    )
+    hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(seen.tracking, seen.matches)
     for each in hypotheses:
         prepared = _prepared(scan, calibrated, each.tracking, options)
         if len(prepared.torn_steps) > max(torn - 1, 0):

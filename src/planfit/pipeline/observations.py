@@ -321,7 +321,7 @@ def _by_neighbours(
     # As recorded, in the convention that was found: of another, all motions would seem misled.
     recorded = tracking.recorded_world_from_cams[keyed.frame_idx]
     odometry = make_odometry(recorded, options.odometry, keyed.scan.timestamps[keyed.frame_idx])
-    right = without_misled(known, recorded, odometry, matching)
+    right = without_misled(known, recorded, odometry)
     if right is not known:
         known, tracking = right, _compared(judged, right, options)
     if len(tracking.doubtful_steps):
@@ -331,7 +331,7 @@ def _by_neighbours(
         at_recorded = keyed.at(keyed.scan.world_from_cams)
         known = measure_more(at_recorded, known, pairs, matching, runtime)
         known = allowed_neighbours(known, keyed.verdicts(tracking))
-        known = without_misled(known, recorded, odometry, matching)
+        known = without_misled(known, recorded, odometry)
         tracking = _compared(judged, known, options)
     if errs(tracking) and options.calibration.is_on:
         cameras = keyed.at(keyed.scan.world_from_cams).cameras
@@ -353,8 +353,8 @@ def _compared(
 ) -> Tracking:
     """The recorded poses of all frames, compared with motions between keyframes that a sensor measured."""
     scan, idx = judged.keyed.scan, judged.keyed.frame_idx
-    verified = corrected_pairs(known.verified, sensor, options.matching)
-    measured = measured_motions(verified, options.matching.verify)
+    verified = corrected_pairs(known.verified, sensor)
+    measured = measured_motions(verified)
     told_by_surfaces = surface_motions(judged.by_surfaces.neighbours.corrected(sensor))
     return judge_tracking(
         scan.name,
@@ -387,5 +387,5 @@ def _by_revisits(judged: _Judged, options: RefineOptions, runtime: Runtime) -> _
     verdicts = keyed.verdicts(tracking)
     found, known = search_matches(mended, steps, matching, runtime, judged.known, verdicts)
     revisits = found.numbered(keyed.frame_idx)
-    placed = place_submaps(tracking, revisits, matching.verify)
+    placed = place_submaps(tracking, revisits)
     return replace(judged, tracking=placed, known=known)

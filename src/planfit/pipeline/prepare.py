@@ -102,9 +102,7 @@ def prepare(
             metres_per_pose_unit=tracking.metres_per_unit,
         )
     with stages.stage("close loops"):
-        closed = close_loops_untorn(
-            measurements, level_from_keys, chosen.adjust, chosen.matching.cycle_consistency
-        )
+        closed = close_loops_untorn(measurements, level_from_keys, chosen.adjust)
     return PreparedScan(
         keyframes,
         closed.measurements,

@@ -90,10 +90,7 @@ def observe_survey(given: Given, timer: StageTimer) -> SurveyedScan | None:
             )
         placed = place_points(survey, floorplan)
         frames = choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
-        verify = options.matching.verify
-        marks = find_marks(
-            scan, survey, frames, lambda depth: point_sigma(depth, verify), given.runtime
-        )
+        marks = find_marks(scan, survey, frames, point_sigma, given.runtime)
         surveyed = SurveyedScan(survey, marks, placed)
         if not survey.is_check.all() and options.adjust.control.weight <= 0:
             raise OptionError(

@@ -12,7 +12,7 @@ from planfit.geometry import se3, segments
 from planfit.synth.furniture import Piece, furnish, standing
 from planfit.synth.layout import BuildingLayout, make_layout, with_stairwell
 from planfit.synth.lookalikes import Poster, copy_room, leaves_of_layout, place_posters
-from planfit.synth.options import BuildingOptions
+from planfit.synth.options import OUTER_WALL_M, BuildingOptions
 from planfit.synth.rect import Rect
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
@@ -125,7 +125,7 @@ def make_storey(options: BuildingOptions, rng: np.random.Generator) -> Building:
         )
     if options.n_storeys > 1:
         layout = with_stairwell(layout, options)
-    faces = wall_faces(layout, options.outer_wall_thickness_m)
+    faces = wall_faces(layout, OUTER_WALL_M)
     furniture = tuple(furnish(layout, options, rng))
     if options.refurnished:
         # From a stream of its own: what is drawn after the furniture stays as it was.

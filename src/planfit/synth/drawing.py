@@ -13,12 +13,16 @@ from shapely.geometry.polygon import orient
 from planfit.geometry import segments
 from planfit.synth.building import Building
 from planfit.synth.drawing_clutter import draw_clutter, draw_fittings
+from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.pen import Pen
 from planfit.synth.rect import Rect
 
 Style = Literal["black", "grey", "hatched", "double", "double filled", "poche"]
 
 STYLES: tuple[Style, ...] = ("black", "grey", "hatched", "double", "double filled", "poche")
+
+HATCH_M = 0.09
+"""Distance between the lines of hatching, m."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +38,6 @@ class DrawingOptions:
     """Width of thin lines; outlines of walls are 1.3 times as wide, heavy ones twice."""
     tone: float = 0.5
     """Darkness of grey walls, 0 (paper) to 1 (black); fills are a fraction of it."""
-    hatch_m: float = 0.09
-    """Distance between the lines of hatching."""
     is_cluttered: bool = False
     """Furniture, dimension lines, tiles, stairs, title block; else only room names, doors, windows."""
     skew_deg: float = 0.0
@@ -97,7 +99,7 @@ def _box(rect: Rect) -> BaseGeometry:
 
 def _solid_wall(building: Building, rng: np.random.Generator) -> tuple[BaseGeometry, list[Rect]]:
     """Walls with holes at doors and windows, and the windows."""
-    layout, outer = building.layout, building.options.outer_wall_thickness_m
+    layout, outer = building.layout, OUTER_WALL_M
     shell = shapely.union_all([_box(room.grown(outer)) for room in layout.rooms])
     free = [_box(room) for room in layout.rooms] + [_box(door.rect) for door in layout.doors]
     solid = shapely.difference(shell, shapely.union_all(free))
@@ -130,7 +132,7 @@ def _draw_walls(pen: Pen, solid: BaseGeometry, options: DrawingOptions) -> None:
         pen.fill(solid, options.tone)
     elif options.style == "hatched":
         pen.fill(solid, 0.0)
-        pen.hatch(solid, options.hatch_m, options.line_px)
+        pen.hatch(solid, HATCH_M, options.line_px)
         pen.outline(solid, outline_px)
     elif options.style == "double":
         pen.fill(solid, 0.0)

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from planfit.synth.building import Building
 from planfit.synth.layout import Door
+from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.pen import Pen
 from planfit.synth.rect import Rect
 
@@ -68,8 +69,8 @@ def draw_clutter(pen: Pen, building: Building, line_px: float, rng: np.random.Ge
     _draw_tiles(pen, rooms[order[0]], line_px)
     if len(rooms) > 2:
         _draw_stairs(pen, rooms[order[1]], line_px)
-    low = np.min([[r.x0, r.y0] for r in rooms], axis=0) - building.options.outer_wall_thickness_m
-    high = np.max([[r.x1, r.y1] for r in rooms], axis=0) + building.options.outer_wall_thickness_m
+    low = np.min([[r.x0, r.y0] for r in rooms], axis=0) - OUTER_WALL_M
+    high = np.max([[r.x1, r.y1] for r in rooms], axis=0) + OUTER_WALL_M
     cuts = np.unique(np.round([v for r in rooms for v in (r.x0, r.x1)], 2))
     _draw_dimension(pen, cuts, float(high[1]) + 0.8, line_px)
     _draw_dimension(pen, np.array([low[0], high[0]]), float(high[1]) + 1.4, line_px)

@@ -6,6 +6,10 @@ from jaxtyping import Float
 from planfit.geometry import se3
 from planfit.synth.options import DriftOptions
 
+TILT_SHARE, VERTICAL_SHARE = 0.3, 0.3
+"""Error about each horizontal axis as a share of that about the vertical, and along the vertical as a share
+of that along the horizontal: gravity is known to a tracker. Measured on ConSLAM at its own frame rate."""
+
 
 def drift_poses(
     world_from_cams: Float[np.ndarray, "n 4 4"],
@@ -27,10 +31,8 @@ def drift_poses(
     """
     n = len(world_from_cams)
     axes = se3.rotation_between(np.array([0.0, 0.0, 1.0]), np.asarray(up_world, dtype=float))
-    sigma_rotation = np.deg2rad(options.yaw_deg) * np.array(
-        [options.tilt_share, options.tilt_share, 1.0]
-    )
-    sigma_translation = options.translation_m * np.array([1.0, 1.0, options.vertical_share])
+    sigma_rotation = np.deg2rad(options.yaw_deg) * np.array([TILT_SHARE, TILT_SHARE, 1.0])
+    sigma_translation = options.translation_m * np.array([1.0, 1.0, VERTICAL_SHARE])
     rotation = rng.normal(size=(n - 1, 3)) * sigma_rotation
     translation = rng.normal(size=(n - 1, 3)) * sigma_translation
     if options.jumps_per_100_frames > 0:

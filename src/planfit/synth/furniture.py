@@ -20,7 +20,7 @@ from planfit.synth.materials import (
     Color,
     Material,
 )
-from planfit.synth.options import BuildingOptions
+from planfit.synth.options import WALKWAY_M, BuildingOptions
 from planfit.synth.rect import Rect
 
 
@@ -82,7 +82,7 @@ def furnish(
             boxes = makers[int(rng.integers(len(makers)))](rng)
             for _ in range(12):
                 footprint = _random_place(room, _size(boxes), is_central, rng)
-                if _fits(footprint, placed, columns, room, doors, options.walkway_m):
+                if _fits(footprint, placed, columns, room, doors, WALKWAY_M):
                     placed.append(footprint)
                     pieces.append(Piece(footprint, tuple(boxes), i))
                     break

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.synth.options import BuildingOptions
+from planfit.synth.options import WALKWAY_M, BuildingOptions
 from planfit.synth.rect import Rect
 from planfit.synth.stairs import Stairs, make_stairs
 
@@ -34,6 +34,11 @@ class BuildingLayout:
 
 
 DOOR_TO_CORNER_M = 0.25
+SLAB_M = 0.3
+"""Thickness of the floors between storeys, m."""
+EXTRA_DOOR_SHARE = 0.35
+"""Share of the neighbouring rooms, not needed to reach every room, that get a door too. From 4 rooms on there
+is at least one such door, so that walks can go in circles."""
 
 
 def make_layout(options: BuildingOptions, rng: np.random.Generator) -> BuildingLayout:
@@ -116,7 +121,7 @@ def with_stairwell(layout: BuildingLayout, options: BuildingOptions) -> Building
     """The layout with a stairwell beside room 0, and a door between."""
     wall = float(np.mean(options.wall_thickness_m))
     corner = layout.rooms[0]
-    stairs = make_stairs(corner.x0 - wall, corner.y0, options.height_m + options.slab_m)
+    stairs = make_stairs(corner.x0 - wall, corner.y0, options.height_m + SLAB_M)
     at, half = float(stairs.foot[1]), options.door_width_m / 2
     hole = Rect(stairs.well.x1, at - half, corner.x0, at + half)
     door = Door(hole, True, (0, len(layout.rooms)))
@@ -150,8 +155,8 @@ def _make_doors(
         else:
             doors.append(candidates[i])
             group = [a if g == b else g for g in group]
-    n_extra = round(options.extra_door_share * len(spare))
-    if len(rooms) >= 4 and options.extra_door_share > 0:
+    n_extra = round(EXTRA_DOOR_SHARE * len(spare))
+    if len(rooms) >= 4:
         n_extra = max(n_extra, 1)
     return doors + spare[:n_extra]
 
@@ -187,7 +192,7 @@ def _make_columns(
     half = 0.2
     for _ in range(options.n_columns):
         for _ in range(50):
-            room_to_wall = half + options.walkway_m
+            room_to_wall = half + WALKWAY_M
             low = np.array([room.x0, room.y0]) + room_to_wall
             high = np.array([room.x1, room.y1]) - room_to_wall
             if (low >= high).any():
@@ -195,7 +200,7 @@ def _make_columns(
             x, y = rng.uniform(low, high)
             column = Rect(x - half, y - half, x + half, y + half)
             blocked = [*columns, *(door.rect for door in doors)]
-            if not any(column.grown(options.walkway_m).overlaps(other) for other in blocked):
+            if not any(column.grown(WALKWAY_M).overlaps(other) for other in blocked):
                 columns.append(column)
                 break
     return columns

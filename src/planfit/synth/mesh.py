@@ -14,6 +14,7 @@ from planfit.synth.furniture import Piece
 from planfit.synth.hangings import add_hangings
 from planfit.synth.lookalikes import Poster, turn_to
 from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Material
+from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
 from planfit.synth.rect import Rect
 from planfit.synth.walls import Part
@@ -26,18 +27,13 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     collector = Collector()
     _add_floors_and_ceilings(building, collector)
     _add_walls(building, collector)
-    first_of_doorways = len(collector.size)
     _add_doorways(building, collector)
-    last_of_doorways = len(collector.size)
-    if not building.options.is_white:
-        _add_wall_hangings(building, collector, rng)
+    _add_wall_hangings(building, collector, rng)
     _add_lamps(building, collector)
     for piece in building.furniture:
         add_piece(piece, collector)
     add_posters(building.posters, collector)
     quads = collector.quads(rng)
-    if building.options.is_white:
-        quads = _whitened(quads, slice(first_of_doorways, last_of_doorways))
     if building.options.same_rooms:
         quads = _with_same_rooms(quads, building)
     rotation = building.plan_from_building[:3, :3]
@@ -48,16 +44,6 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
         v_axis=quads.v_axis @ rotation.T,
         normal=quads.normal @ rotation.T,
     )
-
-
-def _whitened(quads: Quads, but: slice) -> Quads:
-    """Without texture, walls and ceilings white, but for some."""
-    material, color = quads.material.copy(), quads.color.copy()
-    is_even = np.ones(len(quads), dtype=bool)
-    is_even[but] = False
-    material[is_even] = Material.EVEN
-    color[is_even & np.isin(quads.label, (Label.WALL, Label.CEILING))] = WHITE
-    return replace(quads, material=material, color=color)
 
 
 def make_lights(building: Building) -> Lights:
@@ -149,7 +135,7 @@ def _add_wall_hangings(building: Building, collector: Collector, rng: np.random.
         # Steps would hide them, or cut them in two.
         is_wall &= faces.rooms != len(building.layout.rooms) - 1
     ends = faces.ends[is_wall]
-    reach = options.outer_wall_thickness_m + 0.05
+    reach = OUTER_WALL_M + 0.05
     behind = ends.mean(axis=1) - segments.left_normals(ends) * reach
     is_outer = ~np.any([room.contains(behind) for room in building.layout.rooms], axis=0)
     add_hangings(ends, faces.rooms[is_wall], is_outer, options, collector, rng)

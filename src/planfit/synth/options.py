@@ -9,6 +9,10 @@ from planfit.errors import require
 from planfit.runtime import Changeable, require_kinds
 
 MAX_ROOMS = 40
+OUTER_WALL_M = 0.3
+"""Thickness of outer walls, m: that of brick with insulation; no inner wall is thicker."""
+WALKWAY_M = 1.0
+"""Furniture leaves ways of this width, m, between all doors."""
 
 
 def require_range(name: str, low_high: tuple[float, float]) -> None:
@@ -35,21 +39,14 @@ class BuildingOptions:
     """Clear width of the corridor."""
     wall_thickness_m: tuple[float, float] = (0.12, 0.25)
     """Thinnest and thickest inner wall."""
-    outer_wall_thickness_m: float = 0.3
-    """Outer walls; at least the thickest inner wall, and less than 0.5 m."""
     height_m: float = 2.6
     """Floor to ceiling."""
     n_storeys: int = 1
     """Storeys over each other, each with `n_rooms` rooms of a layout of its own, and a stairwell."""
-    slab_m: float = 0.3
-    """Thickness of the floors between storeys."""
     door_width_m: float = 1.0
     """Clear width of door openings."""
     door_height_m: float = 2.05
     """Clear height of door openings; the wall goes on above."""
-    extra_door_share: float = 0.35
-    """Share of the neighbouring rooms, not needed to reach every room, that get a door too. From
-    4 rooms on there is at least one such door, so that walks can go in circles."""
     furniture_per_room: int = 6
     """Pieces tried in each room of usual size (16 m2), in proportion to its area. Pieces that would
     stand in the way are left out; 0 leaves the rooms bare."""
@@ -58,13 +55,8 @@ class BuildingOptions:
     floors stay, all furniture is other furniture in other places."""
     pictures_per_wall: float = 2.2
     """Pictures, notices, sockets and windows tried on a wall of 4 m, on average."""
-    is_white: bool = False
-    """Walls and ceilings are of one even white, floors and furniture of one even colour each, and nothing
-    hangs on walls: doorways alone have a texture."""
     n_columns: int = 0
     """Free-standing square columns in the largest room; they are in the plan."""
-    walkway_m: float = 1.0
-    """Furniture leaves ways of this width between all doors."""
     yaw_deg: float = 0.0
     """Yaw of the building in the plan frame; not zero gives walls off the plan's axes."""
     same_posters: int = 0
@@ -81,16 +73,14 @@ class BuildingOptions:
         require(1 <= self.n_rooms <= MAX_ROOMS,
                 f"n_rooms: expected 1 to {MAX_ROOMS}, found {self.n_rooms}")  # fmt: skip
         require(1 <= self.n_storeys <= 4, f"n_storeys: expected 1 to 4, found {self.n_storeys}")
-        require(0 < self.slab_m < 1, f"slab_m: expected 0 to 1 m, found {self.slab_m:g}")
         require(self.n_storeys == 1 or not self.same_rooms,
                 "n_storeys: expected 1 together with same_rooms, as the stairwell has a door to one of "
                 f"them, found {self.n_storeys}")  # fmt: skip
         require_range("room_size_m", self.room_size_m)
         require_range("wall_thickness_m", self.wall_thickness_m)
-        low = self.wall_thickness_m[1]
-        require(low <= self.outer_wall_thickness_m < 0.5,
-                f"outer_wall_thickness_m: expected {low:g} to 0.5 m, "
-                f"found {self.outer_wall_thickness_m:g}")  # fmt: skip
+        require(self.wall_thickness_m[1] <= OUTER_WALL_M,
+                f"wall_thickness_m: expected no more than the {OUTER_WALL_M:g} m of outer walls, "
+                f"found {self.wall_thickness_m[1]:g}")  # fmt: skip
         least = self.door_width_m + 1.0
         require(self.room_size_m[0] >= least,
                 f"room_size_m: expected at least the door width + 1 m = {least:g}, "
@@ -109,8 +99,8 @@ class BuildingOptions:
                 "found none")  # fmt: skip
         require(self.single_wall_m > 0,
                 f"single_wall_m: expected > 0, found {self.single_wall_m:g}")  # fmt: skip
-        require(self.corridor_width_m >= self.walkway_m,
-                f"corridor_width_m: expected at least walkway_m = {self.walkway_m:g}, "
+        require(self.corridor_width_m >= WALKWAY_M,
+                f"corridor_width_m: expected at least {WALKWAY_M:g}, the way that furniture leaves, "
                 f"found {self.corridor_width_m:g}")  # fmt: skip
         counts = (self.furniture_per_room, self.n_columns, self.pictures_per_wall)
         require(min(counts) >= 0,
@@ -118,8 +108,6 @@ class BuildingOptions:
                 f"found {counts}")  # fmt: skip
         require(self.refurnished >= 0,
                 f"refurnished: expected none below 0, found {self.refurnished}")  # fmt: skip
-        require(0 <= self.extra_door_share <= 1,
-                f"extra_door_share: expected 0 to 1, found {self.extra_door_share:g}")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -147,8 +135,6 @@ class WalkOptions:
     """Standard deviation of roll."""
     area_per_stop_m2: float = 10.0
     """Floor area for each point that the walk calls at; smaller makes it longer."""
-    door_clearance_m: float = 0.25
-    """In a given plan: how near the camera comes to walls in doors narrower than twice `clearance_m`."""
     max_length_m: float | None = None
     """In a given plan: a longer walk leaves rooms out; by default it calls at all that can be reached."""
     path: Path | None = None
@@ -161,8 +147,6 @@ class WalkOptions:
     def __post_init__(self) -> None:
         require(self.n_frames >= 2, f"n_frames: expected at least 2, found {self.n_frames}")
         require(self.clearance_m > 0, f"clearance_m: expected > 0, found {self.clearance_m:g}")
-        require(self.door_clearance_m > 0,
-                f"door_clearance_m: expected > 0, found {self.door_clearance_m:g}")  # fmt: skip
         require(self.max_length_m is None or self.max_length_m > 0,
                 f"max_length_m: expected > 0, found {self.max_length_m}")  # fmt: skip
         require(self.area_per_stop_m2 > 0.5,
@@ -294,13 +278,9 @@ class DriftOptions:
     """
 
     yaw_deg: float = 0.15
-    """Standard deviation of the rotation about the vertical, per frame."""
-    tilt_share: float = 0.3
-    """The same about each horizontal axis, as a share of `yaw_deg`."""
+    """Standard deviation of the rotation about the vertical, per frame; 0.3 of it about others."""
     translation_m: float = 0.02
-    """Standard deviation of the translation along each horizontal axis, per frame."""
-    vertical_share: float = 0.3
-    """The same along the vertical, as a share of `translation_m`."""
+    """Standard deviation of the translation along each horizontal axis, per frame; 0.3 of it upwards."""
     jumps_per_100_frames: float = 0.0
     """How often tracking jumps, on average; a jump is a motion's error besides the random walk."""
     jump_m: float = 0.1
@@ -309,8 +289,8 @@ class DriftOptions:
     """Standard deviation of a jump's rotation about the vertical."""
 
     def __post_init__(self) -> None:
-        values = (self.yaw_deg, self.tilt_share, self.translation_m, self.vertical_share,
-                  self.jumps_per_100_frames, self.jump_m, self.jump_yaw_deg)  # fmt: skip
+        values = (self.yaw_deg, self.translation_m, self.jumps_per_100_frames, self.jump_m,
+                  self.jump_yaw_deg)  # fmt: skip
         require(all(math.isfinite(v) and v >= 0 for v in values),
                 f"drift: expected finite numbers, none below 0, found {values}")  # fmt: skip
 
@@ -347,10 +327,10 @@ class SynthOptions(Changeable):
                 "door_width_m: expected at least twice clearance_m + 0.16 = "
                 f"{2 * self.walk.clearance_m + 0.16:g} m to walk through, "
                 f"found {self.building.door_width_m:g}")  # fmt: skip
-        require(self.building.walkway_m >= 2 * self.walk.clearance_m + 0.16,
-                "walkway_m: expected at least twice clearance_m + 0.16 = "
-                f"{2 * self.walk.clearance_m + 0.16:g} m to walk through, "
-                f"found {self.building.walkway_m:g}")  # fmt: skip
+        widest = (WALKWAY_M - 0.16) / 2
+        require(2 * self.walk.clearance_m + 0.16 <= WALKWAY_M,
+                f"clearance_m: expected at most {widest:g} m to walk past furniture, "
+                f"found {self.walk.clearance_m:g}")  # fmt: skip
         require(self.walk.height_m < self.building.door_height_m - 0.2,
                 f"walk.height_m: expected at least 0.2 m below the top of doors, "
                 f"found {self.walk.height_m:g}")  # fmt: skip

@@ -18,6 +18,9 @@ from planfit.synth.route import MARGIN_M, Grid, comfort_price, grid_steps, short
 
 _SQUEEZE_PRICE = 8.0
 """Ways through doors narrower than twice the clearance count as so much longer, at their narrowest."""
+DOOR_CLEARANCE_M = 0.25
+"""How near the camera comes to walls, m, in doors narrower than twice `clearance_m`: half a narrow
+passage."""
 _NEAR_M = 20.0
 """The next stop is first looked for this near: the whole of a large plan takes a second a stop."""
 
@@ -84,10 +87,10 @@ class _Ways:
 def _find_ways(building: PlanBuilding, options: WalkOptions) -> _Ways:
     """Cells where the camera may be; those in narrow doors are dear."""
     clearance = building.cells.clearance
-    least = min(options.door_clearance_m, options.clearance_m) + MARGIN_M
+    least = min(DOOR_CLEARANCE_M, options.clearance_m) + MARGIN_M
     is_free = clearance >= least
     if is_free.sum() < 2:
-        raise _no_way(building, options)
+        raise _no_way(building)
     short = np.clip((options.clearance_m + MARGIN_M - clearance) / CELL_M, 0.0, 1.0)
     price = comfort_price(clearance) + _SQUEEZE_PRICE * short
     grid = Grid(
@@ -98,12 +101,12 @@ def _find_ways(building: PlanBuilding, options: WalkOptions) -> _Ways:
     return _Ways(grid, grid_steps(is_free, np.ones_like(clearance), CELL_M))
 
 
-def _no_way(building: PlanBuilding, options: WalkOptions) -> OptionError:
+def _no_way(building: PlanBuilding) -> OptionError:
     return OptionError(
         f"{building.floorplan.name}: expected free space between walls to walk through, found none that a "
-        f"camera can move in {options.door_clearance_m:g} m from walls; check the plan's scale "
+        f"camera can move in {DOOR_CLEARANCE_M:g} m from walls; check the plan's scale "
         f"({building.floorplan.size[0]:.3g} x {building.floorplan.size[1]:.3g} m now) with planfit plan, or "
-        "use a smaller walk.door_clearance_m"
+        "give a plan with wider doors"
     )
 
 

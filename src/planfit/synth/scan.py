@@ -22,7 +22,7 @@ from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.options import CameraOptions, SynthOptions
 from planfit.synth.plan_building import PlanBuilding, make_plan_building
 from planfit.synth.plan_mesh import make_plan_quads, no_lights
-from planfit.synth.plan_route import find_plan_route, read_path
+from planfit.synth.plan_route import DOOR_CLEARANCE_M, find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import noisy_color, noisy_depth
 from planfit.synth.storeys import (
@@ -269,7 +269,7 @@ def _build_plan(options: SynthOptions, floorplan: Floorplan) -> _Built:
         options.building,
         _rng(options.seed, _BUILDING),
         path,
-        options.walk.door_clearance_m,
+        DOOR_CLEARANCE_M,
     )
     renderer = Renderer(make_plan_quads(building, _rng(options.seed, _SURFACES)), no_lights())
     if path is None:

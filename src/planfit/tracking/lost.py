@@ -194,9 +194,7 @@ def _fill(
     return Filled(poses, filled.sigmas | sigmas, open_steps, (*filled.linked, *linked))
 
 
-def _believed_links(
-    recorded: Poses, around: _Around, usual: tuple[float, float]
-) -> list[_Link]:
+def _believed_links(recorded: Poses, around: _Around, usual: tuple[float, float]) -> list[_Link]:
     """Recorded motions over lost runs that no measured motions contradict."""
     links: list[_Link] = []
     for run in around.lost:

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int, Shaped
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.matching.relative_motions import VerifiedPairs
-from planfit.matching.verify import VerifyOptions, match_sigma
+from planfit.matching.verify import match_sigma
 from planfit.scan.odometry import Odometry
 
 EFFECTIVE_MATCHES = 20.0
@@ -61,13 +61,13 @@ class MeasuredMotions:
         )
 
 
-def measured_motions(verified: VerifiedPairs, options: VerifyOptions) -> MeasuredMotions:
+def measured_motions(verified: VerifiedPairs) -> MeasuredMotions:
     """Motions of verified pairs, with the covariance that their matched points give them."""
     relative = verified.relative_poses
     covariance = np.zeros((len(relative), 6, 6))
     floor = np.repeat([np.deg2rad(FLOOR_DEG) ** 2, FLOOR_M**2], 3)
     for k, (a, b) in enumerate(zip(verified.points_a, verified.points_b, strict=True)):
-        sigma = match_sigma(a, b, options)
+        sigma = match_sigma(a, b)
         worth = min(1.0, EFFECTIVE_MATCHES / len(a))
         information = _information(relative.a_from_b[k], b, sigma) * worth
         # A little of the identity: points on one spot leave rotations open, which must stay invertible.

@@ -16,7 +16,6 @@ from planfit.matching import Matches
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import (
     LONG,
     USUAL_SHARE,
@@ -136,20 +135,19 @@ def with_open_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odometr
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
-def place_submaps(tracking: Tracking, matches: Matches, verify: VerifyOptions) -> Tracking:
+def place_submaps(tracking: Tracking, matches: Matches) -> Tracking:
     """Decide the doubtful steps of a trajectory by revisits that were matched with them open.
 
     Args:
         tracking: as judged by neighbouring frames.
         matches: of the whole scan, found with `with_open_steps`.
-        verify: how exact matched points are.
     """
     n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps
     group = submaps_of(n, doubtful, tracking.linked)
     # Revisits say where a submap is however unsure the steps between are: those do not make votes less sure.
     inside = _with_usual_steps(tracking.odometry, tracking.open_steps)
     placed = _Placed(tracking.world_from_cams, group, np.zeros(n, dtype=int), False, (0.0, 0.0))
-    revisits = motions_between(matches, group, verify)
+    revisits = motions_between(matches, group)
     while True:
         merged = _merge_surest(placed, revisits, inside, tracking)
         if merged is None:
@@ -172,9 +170,7 @@ def _with_usual_steps(odometry: Odometry, steps: Int[np.ndarray, " d"]) -> Odome
     return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)
 
 
-def motions_between(
-    matches: Matches, group: Int[np.ndarray, " n"], verify: VerifyOptions
-) -> MeasuredMotions:
+def motions_between(matches: Matches, group: Int[np.ndarray, " n"]) -> MeasuredMotions:
     """Motions of matched pairs between frames of different groups."""
     between = np.flatnonzero(group[matches.pairs[:, 0]] != group[matches.pairs[:, 1]])
     points = [
@@ -185,7 +181,7 @@ def motions_between(
     sizes = np.array([len(a) for a, _, _ in points], dtype=int)
     relative = RelativePoses(matches.pairs[between], motions, sizes)
     found = VerifiedPairs(relative, [p[0] for p in points], [p[1] for p in points])
-    return measured_motions(found, verify)
+    return measured_motions(found)
 
 
 def _merge_surest(

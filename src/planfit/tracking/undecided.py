@@ -11,7 +11,6 @@ import numpy as np
 
 from planfit.geometry import se3
 from planfit.matching import Matches
-from planfit.matching.verify import VerifyOptions
 from planfit.scan.odometry import times_usual, usual_step
 from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
 from planfit.tracking.motions import MAX_SIGMAS, expected_covariance
@@ -31,20 +30,16 @@ class JumpHypothesis:
     """How many times as large as a usual step the step would truly be."""
 
 
-def jump_hypotheses(
-    tracking: Tracking, matches: Matches, verify: VerifyOptions
-) -> tuple[JumpHypothesis, ...]:
+def jump_hypotheses(tracking: Tracking, matches: Matches) -> tuple[JumpHypothesis, ...]:
     """One hypothesis for each undecided step over which revisits ask for a jump.
 
     Args:
         tracking: as judged, undecided steps as recorded.
         matches: of the whole scan.
-        verify: how exact matched points are.
     """
     usual = usual_step(tracking.odometry.cam_from_next)
     found = (
-        _with_jump_at(int(step), tracking, matches, verify, usual)
-        for step in tracking.undecided_steps
+        _with_jump_at(int(step), tracking, matches, usual) for step in tracking.undecided_steps
     )
     return tuple(each for each in found if each is not None)
 
@@ -53,12 +48,11 @@ def _with_jump_at(
     step: int,
     tracking: Tracking,
     matches: Matches,
-    verify: VerifyOptions,
     usual: tuple[float, float],
 ) -> JumpHypothesis | None:
     poses, odometry = tracking.world_from_cams, tracking.odometry
     is_after = np.arange(len(poses)) > step
-    motions = motions_between(matches, is_after.astype(int), verify)
+    motions = motions_between(matches, is_after.astype(int))
     if len(motions) < MIN_VOTES:
         return None
     votes = votes_on(poses, motions, expected_covariance(motions, odometry), is_after)

@@ -1,6 +1,6 @@
 """Frames matched by their surfaces: neighbours and revisits of frames with few matched keypoints."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -8,11 +8,10 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
-from planfit.matching.cycles import spanned_steps
+from planfit.matching.cycles import MAX_SIGMAS, spanned_steps
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
 from planfit.matching.surfaces.grids import SurfaceGrids, find_surface_grids
-from planfit.matching.surfaces.options import SurfaceOptions
 from planfit.matching.surfaces.register import Registered, observe, register, starts_about
 from planfit.matching.surfaces.types import SurfacePairs
 from planfit.matching.surfaces.witnesses import is_supported, is_witnessed, squared_sigmas
@@ -21,6 +20,20 @@ from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 
+FEW_MATCHES = 25
+"""A frame has few matched keypoints where those that match its neighbours' are fewer."""
+NEIGHBOURS = 3
+"""Each such frame is matched with this many that follow it."""
+MIN_OVERLAP = 0.2
+"""Share of both views whose surfaces must agree."""
+MAX_CONTRADICTED = 0.04
+"""Share of what both frames could see at which one looks past a surface of the other, up to which a pair is
+believed where depth is exact."""
+USUAL_FACTOR = 2.0
+"""The same as a multiple of what is usual between neighbours, where depth is not exact."""
+MAX_RIVAL = 0.8
+"""A revisit is refused where another motion, elsewhere within the drift, explains this share of what its own
+explains: corridors look alike from door to door."""
 PLAIN = 0.95
 """Where this share of what both see agrees from the recorded motion on, no other one is tried."""
 MAX_USUAL = 0.15
@@ -60,11 +73,11 @@ def poor_frames(
         return np.full(n, use == "always")
     pairs = matched.pairs
     is_near = pairs[:, 1] - pairs[:, 0] <= options.pairs.neighbours
-    is_good = matched.n_inliers >= options.surfaces.few_matches
+    is_good = matched.n_inliers >= FEW_MATCHES
     most = np.zeros(n, dtype=int)
     for side in (0, 1):
         np.maximum.at(most, pairs[is_near, side], matched.n_inliers[is_near])
-    is_poor = most < options.surfaces.few_matches
+    is_poor = most < FEW_MATCHES
     # Both frames of a step that no good pair spans: each may match what is on its own side.
     is_open = ~spanned_steps(pairs[is_near & is_good], n - 1)
     is_poor[:-1] |= is_open
@@ -100,7 +113,7 @@ def measure_surface_neighbours(
     is_poor = poor_frames(n, matched, options, scan.has_color)
     # A poor frame's neighbours are looked at too: they are its way to the others.
     near = is_poor.copy()
-    for k in range(1, surfaces.neighbours + 1):
+    for k in range(1, NEIGHBOURS + 1):
         near[k:] |= is_poor[:-k]
         near[:-k] |= is_poor[k:]
     grids = find_surface_grids(scan, np.flatnonzero(near), surfaces.max_depth_m, runtime)
@@ -109,7 +122,7 @@ def measure_surface_neighbours(
             [
                 (i, i + k)
                 for i in range(n)
-                for k in range(1, surfaces.neighbours + 1)
+                for k in range(1, NEIGHBOURS + 1)
                 if i + k < n and (is_poor[i] or is_poor[i + k])
             ]
         )
@@ -119,15 +132,15 @@ def measure_surface_neighbours(
 
     def by_agreement(one: Registered) -> float:
         # Not what is explained: a camera that walked on shares less with its own view than one that stood.
-        return one.agreement if one.explained >= surfaces.min_overlap else 0.0
+        return one.agreement if one.explained >= MIN_OVERLAP else 0.0
 
     def one(k: int) -> Arrays:
         i, j = (int(v) for v in pairs[k])
         starts = _neighbour_starts(scan.world_from_cams, i, j)
-        found = register(grids, i, j, starts[:1], surfaces, by_agreement)
+        found = register(grids, i, j, starts[:1], by_agreement)
         if not found or by_agreement(found[0]) < PLAIN:
-            found = register(grids, i, j, starts, surfaces, by_agreement)
-        return _as_arrays(grids, (i, j), found, surfaces)
+            found = register(grids, i, j, starts, by_agreement)
+        return _as_arrays(grids, (i, j), found)
 
     key = cache_key(
         scan.fingerprint,
@@ -138,16 +151,14 @@ def measure_surface_neighbours(
     )
     items = runtime.map("surface neighbours", key, len(pairs), one, chunk_size=64)
     found, contradicted, _ = _gathered(pairs, items)
-    is_alike = found.explained >= surfaces.min_overlap
+    is_alike = found.explained >= MIN_OVERLAP
     usual = float(np.median(contradicted[is_alike])) if is_alike.any() else 0.0
-    most = min(max(surfaces.max_contradicted, surfaces.usual_factor * usual), MAX_USUAL)
+    most = min(max(MAX_CONTRADICTED, USUAL_FACTOR * usual), MAX_USUAL)
     found = found[is_alike & (contradicted <= most)]
     return SurfaceMotions(
         is_poor,
         grids,
-        found[
-            is_witnessed(found, matched, scan.world_from_cams, odometry, options.cycle_consistency)
-        ],
+        found[is_witnessed(found, matched, scan.world_from_cams, odometry)],
         most,
     )
 
@@ -167,33 +178,32 @@ def find_surface_pairs(
         odometry: how far they may be off.
         up_world: unit vector against gravity.
         known: see `measure_surface_neighbours`.
-        options: `surfaces`, `pairs` and `cycle_consistency`.
+        options: `pairs`.
         runtime: threads, cache and progress.
     """
     if not known.is_poor.any():  # or all revisits would be chosen, to be left out
         return known.neighbours
-    surfaces, poses = options.surfaces, scan.world_from_cams
-    chosen = replace(options.pairs, loops_per_frame=surfaces.loops_per_frame)
-    pairs = choose_pairs(poses, odometry, chosen)
+    poses = scan.world_from_cams
+    pairs = choose_pairs(poses, odometry, options.pairs)
     i, j = pairs.T
     is_loop = (j - i > options.pairs.neighbours) & known.is_poor[i] & known.is_poor[j]
     pairs = pairs[is_loop]
-    neighbours = _possible(known.neighbours, scan, odometry, options)
+    neighbours = _possible(known.neighbours, scan, odometry)
     if len(pairs) == 0:
         return neighbours
-    compute = partial(_loop, known.grids, poses, pairs, odometry, up_world, surfaces)
+    compute = partial(_loop, known.grids, poses, pairs, odometry, up_world)
     key = cache_key(
-        scan.fingerprint, "revisits by surfaces", surfaces, pairs.tobytes(), poses.tobytes(),
+        scan.fingerprint, "revisits by surfaces", options.surfaces, pairs.tobytes(), poses.tobytes(),
         up_world, odometry.sigma_rotation.tobytes(), odometry.sigma_translation.tobytes(),
     )  # fmt: skip
     items = runtime.map("surface revisits", key, len(pairs), compute, chunk_size=16)
     found, contradicted, rivals = _gathered(pairs, items)
     believed = (
-        (found.explained >= surfaces.min_overlap)
+        (found.explained >= MIN_OVERLAP)
         & (contradicted <= known.max_contradicted)
-        & (rivals <= surfaces.max_rival)
+        & (rivals <= MAX_RIVAL)
     )
-    loops = _possible(found[believed], scan, odometry, options)
+    loops = _possible(found[believed], scan, odometry)
     return neighbours.joined(loops[is_supported(loops, poses, odometry)])
 
 
@@ -219,7 +229,6 @@ def _loop(
     pairs: np.ndarray,
     odometry: Odometry,
     up_world: np.ndarray,
-    options: SurfaceOptions,
     k: int,
 ) -> Arrays:
     """A revisit, sought from all that the drift allows."""
@@ -228,17 +237,15 @@ def _loop(
     rotation, translation = odometry.sigma_between(pairs[k : k + 1, 0], pairs[k : k + 1, 1])
     up = poses[i, :3, :3].T @ up_world
     starts = starts_about(predicted, up, float(rotation[0]), float(translation[0]))
-    return _as_arrays(grids, (i, j), register(grids, i, j, starts, options), options)
+    return _as_arrays(grids, (i, j), register(grids, i, j, starts))
 
 
-def _as_arrays(
-    grids: SurfaceGrids, pair: tuple[int, int], found: list[Registered], options: SurfaceOptions
-) -> Arrays:
+def _as_arrays(grids: SurfaceGrids, pair: tuple[int, int], found: list[Registered]) -> Arrays:
     """What is kept of a pair: the best motion, its information, and how near the next one comes."""
     if not found:
         return {"a_from_b": np.zeros((0, 4, 4))}
     best = found[0]
-    seen = observe(grids, *pair, best.a_from_b, options)
+    seen = observe(grids, *pair, best.a_from_b)
     rival = found[1].explained / max(best.explained, 1e-9) if len(found) > 1 else 0.0
     return {
         "a_from_b": best.a_from_b[None],
@@ -265,12 +272,10 @@ def _gathered(
     return found, judged[:, 1], judged[:, 2]
 
 
-def _possible(
-    found: SurfacePairs, scan: Scan, odometry: Odometry, options: MatchingOptions
-) -> SurfacePairs:
+def _possible(found: SurfacePairs, scan: Scan, odometry: Odometry) -> SurfacePairs:
     """Those that drift can explain, in what they observe."""
     i, j = found.pairs.T
     predicted = se3.inverse(scan.world_from_cams[i]) @ scan.world_from_cams[j]
     sigmas = odometry.sigma_between(i, j)
-    most = options.cycle_consistency.max_sigmas**2
+    most = MAX_SIGMAS**2
     return found[squared_sigmas(found, predicted, sigmas) < most]

@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.matching.surfaces.grids import SurfaceGrids
-from planfit.matching.surfaces.options import SurfaceOptions
 from planfit.matching.surfaces.registration_kernels import (
     MIN_CELLS,
     bring_together,
@@ -17,7 +16,13 @@ from planfit.matching.surfaces.registration_kernels import (
     observed,
     sums_at,
 )
+from planfit.matching.view_agreement import MAX_OBSERVATIONS
 
+SIGMA_BASE_M, SIGMA_PER_M = 0.015, 0.005
+"""Standard deviation of a surface about its plane at no distance, m, and its growth with depth."""
+MIN_OBSERVED = 0.02
+"""A direction of motion is observed where the squared cosines of the surfaces' normals to it are this large
+on average; in others, such as along a corridor, a pair says nothing."""
 _LEAST_FACTOR = 0.05
 """On the variance of a surface: what all of an image shares does not show in distances."""
 FLOOR_M = 0.0075
@@ -89,7 +94,6 @@ def register(
     i: int,
     j: int,
     starts: Float[np.ndarray, "s 4 4"],
-    options: SurfaceOptions,
     rank: Callable[[Registered], float] = _by_explained,
 ) -> list[Registered]:
     """Motions that different starts lead to, the one of the highest rank first; none where nothing agrees.
@@ -97,35 +101,33 @@ def register(
     Only the first is brought together to the last: of the others it counts how well they explain the views.
     """
     a, b = _view(grids, i), _view(grids, j)
-    sigma = np.array([options.sigma_base_m, options.sigma_per_m])
+    sigma = np.array([SIGMA_BASE_M, SIGMA_PER_M])
     ends: list[Float[np.ndarray, "4 4"]] = []
     for start in starts:
         motion, n_cells = bring_together(
-            a, b, np.ascontiguousarray(start, dtype=float), sigma, options.min_observed, _COARSE
+            a, b, np.ascontiguousarray(start, dtype=float), sigma, MIN_OBSERVED, _COARSE
         )
         if n_cells >= MIN_CELLS / _COARSE**2 and not _is_known(motion, ends):
             ends.append(motion)
     found = sorted((_judged(a, b, motion) for motion in ends), key=rank, reverse=True)
     if found:
-        motion, n_cells = bring_together(a, b, found[0].a_from_b, sigma, options.min_observed, 1)
+        motion, n_cells = bring_together(a, b, found[0].a_from_b, sigma, MIN_OBSERVED, 1)
         found[0] = _judged(a, b, motion)
         if n_cells < MIN_CELLS:
             return []
     return found
 
 
-def observe(
-    grids: SurfaceGrids, i: int, j: int, a_from_b: Float[np.ndarray, "4 4"], options: SurfaceOptions
-) -> Observed:
+def observe(grids: SurfaceGrids, i: int, j: int, a_from_b: Float[np.ndarray, "4 4"]) -> Observed:
     """What the surfaces of two frames say of the motion that brings them together."""
-    sigma = np.array([options.sigma_base_m, options.sigma_per_m])
+    sigma = np.array([SIGMA_BASE_M, SIGMA_PER_M])
     a, b = _view(grids, i), _view(grids, j)
     hessian, sums, across = sums_at(a, b, np.ascontiguousarray(a_from_b), sigma)
     values, vectors, scaling = observed(hessian, sums, a_from_b)
-    # What the distances are, against what the options say of them: depth cameras differ tenfold.
+    # What the distances are, against what these sigmas say of them: depth cameras differ tenfold.
     factor = max(sums[6] / max(sums[0], 1.0), _LEAST_FACTOR)
-    worth = min(1.0, options.max_observations / max(sums[0], 1.0)) / factor
-    is_held = values > options.min_observed * sums[1]
+    worth = min(1.0, MAX_OBSERVATIONS / max(sums[0], 1.0)) / factor
+    is_held = values > MIN_OBSERVED * sums[1]
     with np.errstate(divide="ignore", invalid="ignore"):
         variances = np.where(is_held, 1.0 / (worth * values) + FLOOR_M**2, np.inf)
     # The least squares H d + C s = 0 of a sensor's change s, along observed directions.

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
-from planfit.matching.cycles import CycleConsistencyOptions, by_way_of
+from planfit.matching.cycles import MAX_SIGMAS, by_way_of
 from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import Odometry
@@ -48,7 +48,6 @@ def is_witnessed(
     matched: RelativePoses,
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
-    options: CycleConsistencyOptions,
 ) -> Bool[np.ndarray, " p"]:
     """Neighbours that agree with the recorded motion, or with two others by way of a third frame.
 
@@ -60,11 +59,10 @@ def is_witnessed(
         matched: by keypoints.
         world_from_cams: recorded poses.
         odometry: how far they may be off.
-        options: when motions agree with it.
     """
     i, j = found.pairs.T
     recorded = se3.inverse(world_from_cams[i]) @ world_from_cams[j]
-    most = options.max_sigmas**2
+    most = MAX_SIGMAS**2
     is_recorded = squared_sigmas(found, recorded, odometry.sigma_between(i, j)) < most
     off = np.swapaxes(recorded[:, :3, :3], 1, 2) @ found.a_from_b[:, :3, :3]
     quarters = np.rad2deg(se3.rotation_angle(off)) / 90.0

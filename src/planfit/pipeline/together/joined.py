@@ -89,7 +89,7 @@ def match_between(
     pairs = pairs_between(seen, poses, odometry, options.matching)
     found = verify_between(seen, pairs, known, options.matching, runtime)
     within = _within(observed)
-    accepted = accept_between(found, within, poses, odometry, options.matching)
+    accepted = accept_between(found, within, poses, odometry)
     return replace(accepted, n_tried=len(pairs))
 
 

@@ -7,7 +7,15 @@ from html import escape
 import numpy as np
 from jaxtyping import Float
 
-from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, counted, deviations, in_words
+from planfit.as_built import (
+    SURE_SIGMAS,
+    AsBuilt,
+    AsBuiltWall,
+    Verdict,
+    counted,
+    deviations,
+    in_words,
+)
 from planfit.report import formatting
 from planfit.report.html.openings import COLORS as OPENING_COLORS
 from planfit.report.html.openings import (
@@ -57,11 +65,11 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
 it should be), or was not seen; and walls that the plan does not draw. At {options.tolerance_m:g} m, {n_walls}
 {"wall is" if n_walls == 1 else "walls are"} not as planned, both faces of a wall counted as one; a verdict in
-italics is not sure: the tolerance lies within {options.sure_sigmas:g} standard deviations of the offset.
+italics is not sure: the tolerance lies within {SURE_SIGMAS:g} standard deviations of the offset.
 Short bars are doors, windows and passages, listed below.
 <code>planfit export RUN --to as-built</code> writes all this as CSV, GeoJSON, DXF and BCF.</p>
 <p class="as-built-tools"><label>tolerance <input class="as-built-tolerance" type="number" min="0" max="1"
-step="0.005" value="{options.tolerance_m:g}" data-sure="{options.sure_sigmas:g}"> m:</label>
+step="0.005" value="{options.tolerance_m:g}" data-sure="{SURE_SIGMAS:g}"> m:</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
 {_table(as_built, shown, faces)}</section>
@@ -143,8 +151,8 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
         )
     for number, opening in shown_openings(as_built, crop):
         lines.append(
-            f'<g class="{style_of(opening, as_built)}">'
-            f"<title>{opening_title_text(number, opening, as_built)}</title>"
+            f'<g class="{style_of(opening)}">'
+            f"<title>{opening_title_text(number, opening)}</title>"
             f"{_line(opening.built_ends, crop, 'drawn')}</g>"
         )
     styles = " ".join(

@@ -39,15 +39,14 @@ def openings_section(as_built: AsBuilt, crop: Crop) -> str:
     shown = shown_openings(as_built, crop)
     if not shown:
         return ""
-    options = as_built.options.openings
-    counts = counted_openings([opening for _, opening in shown], options)
+    counts = counted_openings([opening for _, opening in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     return f"""<section class="openings"><h3>Doors, windows and passages</h3>
 <p>Every gap of a wall that the plan draws: open (cameras look through it), closed (by a
 shut door, which stands back from the wall, or walled up, flush with it on both sides, or by one of both where
 the scan does not tell), or not seen; and openings of walls that the plan draws without. Widths are between
 the sides of the wall as seen, with one standard deviation; "shifted" is along the wall. {words}.</p>
-{sortable_table(_HEADS, list(_rows(as_built, shown)), "openings")}</section>"""
+{sortable_table(_HEADS, list(_rows(shown)), "openings")}</section>"""
 
 
 def shown_openings(as_built: AsBuilt, crop: Crop) -> list[tuple[int, AsBuiltOpening]]:
@@ -59,42 +58,41 @@ def shown_openings(as_built: AsBuilt, crop: Crop) -> list[tuple[int, AsBuiltOpen
     return [one for one, on in zip(numbered, touched, strict=True) if on]
 
 
-def opening_title_text(number: int, opening: AsBuiltOpening, as_built: AsBuilt) -> str:
+def opening_title_text(number: int, opening: AsBuiltOpening) -> str:
     """What is told of an opening where it is pointed at, HTML."""
-    return escape(f"O{number}: {opening_words(opening, as_built.options.openings)}")
+    return escape(f"O{number}: {opening_words(opening)}")
 
 
-def style_of(opening: AsBuiltOpening, as_built: AsBuilt) -> str:
+def style_of(opening: AsBuiltOpening) -> str:
     """Class of its row and its line."""
-    verdict = opening.verdict(as_built.options.openings)
-    planned = "" if opening.differs(as_built.options.openings) else " as-planned"
+    verdict = opening.verdict
+    planned = "" if opening.differs else " as-planned"
     return f"opening opening-{verdict.value.replace(' ', '-')}{planned}"
 
 
-def _verdict_words(opening: AsBuiltOpening, as_built: AsBuilt) -> str:
-    options = as_built.options.openings
-    verdict = opening.verdict(options)
+def _verdict_words(opening: AsBuiltOpening) -> str:
+    verdict = opening.verdict
     if verdict is OpeningVerdict.CLOSED and opening.kind != "window":
-        return f"{verdict.value}: {opening.closed_by(options).value}"
+        return f"{verdict.value}: {opening.closed_by.value}"
     return verdict.value
 
 
 def _rows(
-    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltOpening]]
+    shown: Sequence[tuple[int, AsBuiltOpening]],
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
     none = Cell.empty()
     for number, opening in shown:
-        verdict = opening.verdict(as_built.options.openings)
+        verdict = opening.verdict
         x, y = map(float, opening.ends.mean(axis=0))
         is_measured = bool(np.isfinite(opening.width_m)) and verdict is not OpeningVerdict.CLOSED
         n_frames = max(opening.n_through_frames, opening.n_surface_frames)
         kind = f" ({escape(opening.kind)})" if opening.kind else ""
         yield (
-            style_of(opening, as_built),
+            style_of(opening),
             "",
             (
                 Cell(f"O{number}", number),
-                Cell(escape(_verdict_words(opening, as_built)) + kind, verdict.value),
+                Cell(escape(_verdict_words(opening)) + kind, verdict.value),
                 Cell(formatting.length(opening.width_m), opening.width_m) if is_measured else none,
                 Cell(formatting.centimetres(opening.width_sigma_m), opening.width_sigma_m)
                 if is_measured
