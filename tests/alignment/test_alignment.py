@@ -147,7 +147,7 @@ def test_a_wrong_plan_is_said_to_be_one(office, rng):
     walls = seen(office, np.arange(12), np.eye(4))
     small = room_plan(2.0, 2.0)
     found = align(walls, small, AlignOptions())
-    assert found.score < AlignOptions().min_score
+    assert found.score < MIN_SCORE
     assert any(each.kind is PlanKind.LITTLE_WALL_ON_PLAN for each in found.findings)
 
 
