@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import g2opy as g2o
 import numpy as np
 from gtsam_reference import FLOOR, POINTS, WALLS, Reference, squared_terms
+from planfit.adjust.terms.effective_observations import Weighting
 from problems import Problem
 from virtual_points import virtual_matches, virtual_points
 
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.levels import FLOOR_PLANE
 from planfit.adjust.terms.walls import face_planes
 from planfit.lsq.moments import PairMoments, PlaneMoments

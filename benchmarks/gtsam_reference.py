@@ -30,18 +30,19 @@ Not compared: robust losses (GTSAM's are per factor, so would be per pair here).
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
+from planfit.adjust.terms.effective_observations import Weighting
 from problems import Problem
 
-from planfit.adjust.terms.effective_observations import Weighting
-from planfit.adjust.terms.levels import FLOOR_PLANE, LevelOptions, floor_term
-from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.walls import WallOptions, WallTerm, face_planes
+from planfit.adjust.terms.levels import FLOOR_PLANE, floor_term
+from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, POINTS, WALLS
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm, face_planes
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.robust import Loss, LossKind
@@ -49,9 +50,9 @@ from planfit.lsq.term import Term
 
 SQUARED = Loss(LossKind.SQUARED)
 POINTS, FLOOR, WALLS = (
-    PointOptions(loss=SQUARED),
-    LevelOptions(loss=SQUARED),
-    WallOptions(loss=SQUARED),
+    replace(POINTS, loss=SQUARED),
+    replace(FLOOR, loss=SQUARED),
+    replace(WALLS, loss=SQUARED),
 )
 
 
@@ -80,7 +81,7 @@ def squared_terms(problem: Problem) -> list[Term]:
         PointTerm(measurements.matches, POINTS),
         floor_term(measurements.structure, FLOOR),
         WallTerm(measurements.structure.walls, problem.floorplan, problem.association, WALLS),
-        OdometryTerm(measurements.odometry, OdometryTermOptions(loss=SQUARED)),
+        OdometryTerm(measurements.odometry, replace(ODOMETRY, loss=SQUARED)),
     ]
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 
 import planfit
 from planfit.adjust import AdjustOptions, adjust_to_plan
-from planfit.adjust.terms.points import PointOptions
+from planfit.adjust.options import TermOptions
 from planfit.errors import OptionError, ScanError
 from planfit.lsq import ResidualTerm
 from planfit.pipeline.align import align_to_plan
@@ -153,7 +153,7 @@ def test_extra_terms_may_be_a_generator(synthetic, observations):
 
 
 def test_options_are_checked_also_where_observations_are_given(synthetic, observations):
-    options = planfit.RefineOptions(adjust=AdjustOptions(points=PointOptions(weight=-1.0)))
+    options = planfit.RefineOptions(adjust=AdjustOptions(points=TermOptions(-1.0)))
     with pytest.raises(OptionError, match="weight"):
         planfit.refine(synthetic.scan, synthetic.floorplan, options, observations=observations)
 

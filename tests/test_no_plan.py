@@ -8,8 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planfit
 from planfit.adjust import AdjustOptions, adjust_to_plan
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.surfaces import SurfaceTermOptions
+from planfit.adjust.options import TermOptions
 from planfit.errors import OptionError
 from planfit.evaluation import evaluate, position_errors
 from planfit.geometry import se3
@@ -115,8 +114,8 @@ def test_ceilings_hold_where_nothing_else_does(synthetic, observations, rng):
     for weight in (0.0, 1.0):
         ceiling = dataclasses.replace(AdjustOptions().ceiling, weight=weight)
         adjust = AdjustOptions(
-            floor=LevelOptions(weight=0.0),
-            surfaces=SurfaceTermOptions(weight=0.0),
+            floor=TermOptions(0.0),
+            surfaces=TermOptions(0.0),
             ceiling=ceiling,
         )
         options = planfit.RefineOptions(adjust=adjust)

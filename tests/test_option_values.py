@@ -1,10 +1,8 @@
 """Options that cannot work are refused when they are made, by name."""
 
 import pytest
-
 from planfit.adjust.terms.effective_observations import Weighting
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.walls import WallOptions
+
 from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.lsq.robust import Loss

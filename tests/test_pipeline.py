@@ -8,10 +8,7 @@ import pytest
 
 import planfit
 from planfit.adjust import AdjustOptions
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.options import TermOptions
 from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
 from planfit.findings import PlanKind, ScanKind
@@ -138,7 +135,7 @@ def test_same_input_same_bits(synthetic, refined):
 
 @pytest.mark.slow
 def test_plan_aligns_the_scan_better_than_loops_alone(synthetic, refined, runtime):
-    no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=WallOptions(weight=0.0)))
+    no_walls = planfit.RefineOptions(adjust=AdjustOptions(walls=TermOptions(0.0)))
     alone = planfit.refine(synthetic.scan, synthetic.floorplan, no_walls, runtime)
     truth = synthetic.true_plan_from_cams
     assert rms(refined.plan_from_cams, truth) < rms(alone.plan_from_cams, truth)
@@ -149,9 +146,9 @@ def test_plan_aligns_the_scan_better_than_loops_alone(synthetic, refined, runtim
 @pytest.mark.parametrize(
     ("name", "adjust"),
     [
-        ("points", AdjustOptions(points=PointOptions(weight=0.0))),
-        ("floor", AdjustOptions(floor=LevelOptions(weight=0.0))),
-        ("odometry", AdjustOptions(odometry=OdometryTermOptions(weight=0.0))),
+        ("points", AdjustOptions(points=TermOptions(0.0))),
+        ("floor", AdjustOptions(floor=TermOptions(0.0))),
+        ("odometry", AdjustOptions(odometry=TermOptions(0.0))),
     ],
 )
 def test_a_term_of_no_weight_is_left_out(name, adjust, synthetic, runtime):

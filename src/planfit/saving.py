@@ -32,8 +32,12 @@ from planfit.scan import Scan, ScanOptions, calibrated_scan
 
 SCANS = "scans"
 """Folder of what is written of each of several scans."""
+VIEW_POINTS = 1_500_000
+"""Of the 3D view, at most; each adds about 8 bytes to the page."""
 VIEW_POINTS_OF_FRAME = 10_000
 """Of the 3D view, at most: a short scan shows its surfaces closed, and its page stays small."""
+VIEW_PICTURES = 120
+"""Frames whose images the report holds, evenly spread, about 15 kB each; of others the nearest is shown."""
 
 
 @dataclass(frozen=True)
@@ -234,15 +238,15 @@ def _result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> 
     corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
     samplings = [Sampling()]
     if options.has_view:
-        samplings.append(Sampling(options.max_points, VIEW_POINTS_OF_FRAME))
+        samplings.append(Sampling(VIEW_POINTS, VIEW_POINTS_OF_FRAME))
     # Keyframes see what all frames see, and their images are all that a run opens.
     keys = result.solved_frame_idx
     clouds = sample_clouds(corrected, runtime, samplings, frame_idx=keys)
     cloud = clouds[0].without(unplaced)
     if not options.has_view:
         return RunViews(cloud, None, as_built)
-    shown = clouds[1].without(unplaced).thinned(options.max_points)
-    pictures = make_pictures(scan, result.plan_from_cams, options.max_pictures, runtime)
+    shown = clouds[1].without(unplaced).thinned(VIEW_POINTS)
+    pictures = make_pictures(scan, result.plan_from_cams, VIEW_PICTURES, runtime)
     points = (shown.points_cam, shown.colors, shown.start)
     scene = make_scene(scan, result, *points, pictures, as_built)
     return RunViews(cloud, scene, as_built)

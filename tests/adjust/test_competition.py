@@ -30,7 +30,8 @@ from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.adjust.competition import best_of_starts, full_cost, is_clear, limits
 from planfit.adjust.reach import patch_sigmas
-from planfit.adjust.terms.walls import WallOptions, WallTerm, observations_of
+from planfit.adjust.terms.observation_models import WALLS
+from planfit.adjust.terms.walls import WallTerm, observations_of
 from planfit.adjust.voting import MAX_SHIFT_M, vote
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
@@ -94,7 +95,7 @@ def test_a_widened_loss_is_that_of_a_larger_sigma(world, rng):
     walls = world.structure.walls
     poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
     association = associate(walls, world.floorplan, poses, 1.0, AssociationOptions())
-    options, w = WallOptions(), 3.0
+    options, w = WALLS, 3.0
     wide = WallTerm(walls, world.floorplan, association, options, widths=np.full(len(walls), w))
     larger = replace(options, sigma_m=w * options.sigma_m, weight=w**2)
     twin = WallTerm(walls, world.floorplan, association, larger)
@@ -109,7 +110,7 @@ def test_each_patch_has_a_width_of_its_own(world, rng):
     poses = nudged(rng, world.plan_from_cams, 2.0, 0.1)
     association = associate(walls, world.floorplan, poses, 1.0, AssociationOptions())
     widths = rng.uniform(1.0, 5.0, len(walls))
-    term = WallTerm(walls, world.floorplan, association, WallOptions(), widths=widths)
+    term = WallTerm(walls, world.floorplan, association, WALLS, widths=widths)
     found = term.reweight(poses)[0].normal_blocks(poses).gradient
     robust = gradient_by_differences(lambda p: term.reweight(p)[1], poses)
     assert_allclose(found, robust, atol=1e-5 * np.abs(found).max())
@@ -142,7 +143,7 @@ def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
     points = walls.points_cam + np.repeat(shift, np.diff(walls.start), axis=0)
     spoilt = replace(walls, points_cam=points, ends_cam=walls.ends_cam + shift[:, None])
     start = bent(se3.yaw_transform(0.0, np.array([0.2, -0.25, 0.0])) @ poses, 0.3)
-    worth = observations_of(walls, WallOptions())
+    worth = observations_of(walls, WALLS)
     voted = vote(spoilt, worth, floorplan, start, AssociationOptions(), MAX_SHIFT_M)
     assert position_rms_m(voted, poses) < 0.12 < 0.25 < position_rms_m(start, poses)
     again = vote(spoilt, worth, floorplan, start, AssociationOptions(), 0.1)
@@ -155,7 +156,7 @@ def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
 
 def test_where_walls_tell_nothing_stretches_stay(walk):
     poses, _, structure = walk
-    worth = observations_of(structure.walls, WallOptions())
+    worth = observations_of(structure.walls, WALLS)
 
     def shift_for(floorplan):
         """Largest shift along x, and that along y, of walls that are believed on the way."""
@@ -226,7 +227,7 @@ def test_many_patches_of_one_wall_do_not_outvote_several_walls():
         for y in seen
     ]
     walls = make_structure(pose, (), patches).walls
-    worth = observations_of(walls, WallOptions())
+    worth = observations_of(walls, WALLS)
     found = {}
     for limit in (8.0, 1e9):
         with patch.object(voting, "MAX_OBSERVATIONS_PER_FACE", limit):

@@ -15,13 +15,14 @@ from planfit.adjust import (
     reduce_measurements,
 )
 from planfit.adjust.terms import control
-from planfit.adjust.terms.control import ControlMarks, ControlOptions, control_term
+from planfit.adjust.terms.control import ControlMarks, control_term
+from planfit.adjust.terms.observation_models import CONTROL
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.lsq.residual_term import jacobian_by_differences
 from planfit.lsq.robust import SQUARES
 
-PLAIN = ControlOptions(loss=SQUARES)
+PLAIN = replace(CONTROL, loss=SQUARES)
 
 
 def marks_of(poses, targets, pose_idx, sigma_m=0.02, point_idx=None):
@@ -48,7 +49,7 @@ def test_jacobian_and_gradient_by_differences(rng):
     targets[2, 2] = np.nan  # a height that is not known
     marks = replace(marks_of(poses, np.nan_to_num(targets), [0, 1, 1, 3, 2]), targets=targets)
     there = nudged(rng, poses, 3.0, 0.1)
-    term = control_term(marks, ControlOptions())
+    term = control_term(marks, CONTROL)
     assert term.jacobian is not None
     at = there[term.pose_idx]
     assert_allclose(term.jacobian(at), jacobian_by_differences(term.residual, at), atol=1e-8)
@@ -90,14 +91,14 @@ def test_a_blunder_is_let_go_of(rng):
         solved = build_problem(held, AdjustOptions(control=options), poses).solve().target_from_cams
         return np.linalg.norm(solved[:, :3, 3] - centres, axis=1).max()
 
-    assert error_m(ControlOptions()) < 0.01 < 0.05 < error_m(PLAIN)
+    assert error_m(CONTROL) < 0.01 < 0.05 < error_m(PLAIN)
 
 
 def test_without_targets_or_weight_there_is_no_term(rng):
     poses = random_transforms(rng, 1)
     marks = marks_of(poses, np.zeros((1, 3)), [0])
     assert control_term(replace(marks, targets=None), PLAIN) is None
-    assert control_term(marks, ControlOptions(weight=0.0)) is None
+    assert control_term(marks, replace(CONTROL, weight=0.0)) is None
 
 
 def test_marks_between_keyframes_stay_in_the_problem(rng):

@@ -11,9 +11,7 @@ from builders import faces_plan, look, make_matches, make_structure, make_world,
 from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, ceiling_hypotheses, ceilings
 from planfit.adjust.ceiling_hypotheses import settle_ceilings
 from planfit.adjust.ceilings import find_ceilings
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTermOptions
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.options import TermOptions
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.segmentation import LevelPoints, storeys
@@ -87,7 +85,7 @@ def test_frames_of_two_storeys_are_held_to_their_own_floor(rng):
     measurements = Measurements(empty, structure, make_odometry(poses, OdometryOptions()))
     lifted = poses.copy()
     lifted[:, 2, 3] += rng.uniform(-0.2, 0.2, 8)
-    options = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    options = AdjustOptions(odometry=TermOptions(0.0))
     plan_adjustment = adjust_to_plan(
         measurements, faces_plan([[0, 0], [6, 0], [6, 4], [0, 4]]), lifted, options
     )
@@ -134,10 +132,10 @@ def test_ceilings_hold_frames_that_see_no_floor(rng):
     measurements = Measurements(empty, replace(structure, floor=floor), world.odometry)
     lifted = world.plan_from_cams.copy()
     lifted[9:, 2, 3] += 0.06
-    no_prior = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    no_prior = AdjustOptions(odometry=TermOptions(0.0))
     on = adjust_to_plan(measurements, world.floorplan, lifted, no_prior)
     off = adjust_to_plan(
-        measurements, world.floorplan, lifted, replace(no_prior, ceiling=LevelOptions(weight=0.0))
+        measurements, world.floorplan, lifted, replace(no_prior, ceiling=TermOptions(0.0))
     )
     assert "ceiling" in on.solution.cost_by_term
     assert "ceiling" not in off.solution.cost_by_term
@@ -174,7 +172,7 @@ def test_columns_hold_the_scan_to_their_faces(rng):
     assert {"columns"} <= set(on.solution.cost_by_term)
     assert "gauge" not in on.solution.cost_by_term
     assert_allclose(on.solution.target_from_cams[:, :2, 3], poses[:, :2, 3], atol=0.02)
-    off = adjust_to_plan(measurements, plan, moved, AdjustOptions(columns=WallOptions(weight=0.0)))
+    off = adjust_to_plan(measurements, plan, moved, AdjustOptions(columns=TermOptions(0.0)))
     assert "columns" not in off.solution.cost_by_term
     assert_allclose(off.solution.target_from_cams[:, :2, 3], moved[:, :2, 3], atol=0.02)
 

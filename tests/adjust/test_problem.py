@@ -17,15 +17,13 @@ from planfit.adjust import (
     paper_options,
 )
 from planfit.adjust.association import Association, AssociationOptions, associate_with_plan
+from planfit.adjust.options import TermOptions
 from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.surfaces import SurfaceTermOptions
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, WALLS
+from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
-from planfit.lsq.bounded import BoundedOptions
+from planfit.lsq.bounded import Allowance
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import solve
@@ -99,7 +97,7 @@ def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, measureme
         options = AdjustOptions(
             wall_strategy=strategy,
             wall_distances_m=(4.0,),
-            walls=WallOptions(loss=Loss(LossKind.SQUARED)),
+            walls=replace(WALLS, loss=Loss(LossKind.SQUARED)),
         )
         plan_adjustment = adjust_to_plan(measurements, first, beyond, options)
         found[strategy] = plan_adjustment.solution.target_from_cams[:, 0, 3].mean()
@@ -108,7 +106,7 @@ def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, measureme
 
 def test_geometry_never_pays_more_than_the_bound(world, measurements, start):
     wide = replace(world.floorplan, ends=world.floorplan.ends * 1.04)
-    bound = BoundedOptions()
+    bound = Allowance()
     options = AdjustOptions(is_bounded=True, bounded=bound)
     plan_adjustment = adjust_to_plan(measurements, wide, start, options)
     terms = [build_problem(measurements, options, start).geometric]
@@ -176,7 +174,7 @@ def test_descent_runs_where_asked_for(world, measurements, start):
         {"wall_strategy": "iterative"},
         {"averaging": "observations"},
         {"is_bounded": True},
-        {"odometry": OdometryTermOptions()},
+        {"odometry": ODOMETRY},
     ],
 )
 def test_descent_refuses_what_it_does_not_minimise(changes):
@@ -199,16 +197,16 @@ def test_unknown_choices_are_refused(name, value):
 
 
 def test_no_term_at_all_is_refused():
-    nothing = LevelOptions(weight=0.0)
+    nothing = replace(FLOOR, weight=0.0)
     with pytest.raises(OptionError, match="at least one term"):
         AdjustOptions(
-            points=PointOptions(weight=0.0),
+            points=TermOptions(0.0),
             floor=nothing,
             ceiling=nothing,
-            walls=WallOptions(weight=0.0),
-            columns=WallOptions(weight=0.0),
-            odometry=OdometryTermOptions(weight=0.0),
-            surfaces=SurfaceTermOptions(weight=0.0),
+            walls=TermOptions(0.0),
+            columns=TermOptions(0.0),
+            odometry=TermOptions(0.0),
+            surfaces=TermOptions(0.0),
         )
 
 
@@ -224,7 +222,7 @@ def test_offsets_come_with_their_sigmas(world, measurements):
     ends = world.floorplan.ends.copy()
     ends[2, :, 1] += 0.06  # drawn 6 cm off, away from the room
     drawn = replace(world.floorplan, ends=ends)
-    options = AdjustOptions(walls=WallOptions(offset_sigma_m=0.05))
+    options = AdjustOptions(walls=replace(WALLS, offset_sigma_m=0.05))
     plan_adjustment = adjust_to_plan(measurements, drawn, world.plan_from_cams, options)
     # Its normal looks into the room: the wall stands 6 cm further in than drawn; the scan gives a little.
     assert 0.02 < plan_adjustment.offsets_m[2] < 0.07
@@ -274,7 +272,7 @@ def test_the_problem_tells_its_terms_by_role(world):
     on_plan = build_problem(world.measurements, AdjustOptions(), poses, associated(world, poses))
     assert names(on_plan.terms) == ["points", "floor", "odometry", "walls"]
     assert on_plan.gauge is on_plan.ceiling is on_plan.columns is None
-    offsets = AdjustOptions(walls=WallOptions(offset_sigma_m=0.02))
+    offsets = AdjustOptions(walls=replace(WALLS, offset_sigma_m=0.02))
     problem = build_problem(world.measurements, offsets, poses, associated(world, poses))
     assert names(problem.terms) == ["points", "floor", "odometry", "walls", "wall offsets"]
     assert len(problem.unknowns) == len(poses) + len(world.floorplan)
@@ -291,7 +289,7 @@ def test_the_first_frame_is_held_where_no_term_holds_the_scan_to_the_plan(weight
     )
     found = replace(found, walls=Association(np.full(8, -1), np.full(8, np.nan)))
     found = replace(found, columns=associated(world, poses).walls)
-    options = AdjustOptions(columns=WallOptions(weight=weight))
+    options = AdjustOptions(columns=TermOptions(weight))
     problem = build_problem(as_columns, options, poses, found)
     assert (problem.gauge is None) == (weight > 0)
 
@@ -312,7 +310,7 @@ def test_terms_of_the_user_are_solved_for_and_reported(world, measurements, star
 def test_terms_of_the_user_may_hold_the_gauge_and_frames(world):
     poses = world.plan_from_cams
     far = replace(world.floorplan, ends=world.floorplan.ends + 100.0)
-    nothing = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    nothing = AdjustOptions(odometry=TermOptions(0.0))
     without = adjust_to_plan(world.measurements, far, poses, nothing)
     assert "gauge" in without.solution.cost_by_term
     survey = held_at(poses)
@@ -320,7 +318,7 @@ def test_terms_of_the_user_may_hold_the_gauge_and_frames(world):
     assert "gauge" not in adjusted.solution.cost_by_term
     assert adjusted.weakly_constrained == ()
     # One that holds frames to each other alone leaves the scan as a whole free.
-    steps = OdometryTerm(world.odometry, OdometryTermOptions(), name="wheels")
+    steps = OdometryTerm(world.odometry, ODOMETRY, name="wheels")
     assert build_problem(world.measurements, nothing, poses, None, [steps]).gauge is not None
 
 

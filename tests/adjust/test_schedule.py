@@ -8,10 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import make_matches, make_structure, make_world, position_rms_m, room_plan
 from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, close_loops, costs
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.options import TermOptions
 from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -55,7 +52,7 @@ def test_the_floor_sets_height_and_tilt_of_the_first_frame(world, drifted):
 
 def test_without_floor_the_whole_first_frame_is_held(world, drifted):
     poses, measurements = drifted
-    options = AdjustOptions(floor=LevelOptions(weight=0.0))
+    options = AdjustOptions(floor=TermOptions(0.0))
     poses = se3.make_transform(np.eye(3), np.array([0, 0, 0.2])) @ poses
     solution = close_loops(measurements, poses, options)
     assert "floor" not in solution.cost_by_term
@@ -86,10 +83,10 @@ def test_a_wall_that_the_plan_has_elsewhere_does_not_deform_the_scan(world, drif
 def test_each_weight_of_zero_switches_its_term_off(world, drifted):
     poses, measurements = drifted
     off = {
-        "points": AdjustOptions(points=PointOptions(weight=0.0)),
-        "floor": AdjustOptions(floor=LevelOptions(weight=0.0)),
-        "odometry": AdjustOptions(odometry=OdometryTermOptions(weight=0.0)),
-        "walls": AdjustOptions(walls=WallOptions(weight=0.0)),
+        "points": AdjustOptions(points=TermOptions(0.0)),
+        "floor": AdjustOptions(floor=TermOptions(0.0)),
+        "odometry": AdjustOptions(odometry=TermOptions(0.0)),
+        "walls": AdjustOptions(walls=TermOptions(0.0)),
     }
     for name, options in off.items():
         used = set(
@@ -112,9 +109,7 @@ def test_without_walls_the_alignment_is_kept(world, drifted):
 def test_the_walls_alone_are_enough_for_a_frame(world, rng):
     # No matches, no floor, no trajectory: two walls at right angles fix x, y and yaw.
     empty = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
-    options = AdjustOptions(
-        odometry=OdometryTermOptions(weight=0.0), floor=LevelOptions(weight=0.0)
-    )
+    options = AdjustOptions(odometry=TermOptions(0.0), floor=TermOptions(0.0))
     delta = np.zeros((8, 6))
     delta[:, 2], delta[:, 3:5] = 0.03, rng.uniform(-0.1, 0.1, (8, 2))
     start = se3.retract(world.plan_from_cams, delta)
@@ -148,7 +143,7 @@ def test_no_measurements_at_all_changes_nothing(world):
         make_structure(world.plan_from_cams),
         world.odometry,
     )
-    options = AdjustOptions(odometry=OdometryTermOptions(weight=0.0))
+    options = AdjustOptions(odometry=TermOptions(0.0))
     solution = close_loops(nothing, world.plan_from_cams, options)
     assert_array_equal(solution.target_from_cams, world.plan_from_cams)
 

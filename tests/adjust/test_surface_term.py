@@ -8,8 +8,10 @@ from numpy.testing import assert_allclose
 
 from builders import gradient_by_differences, make_world, nudged, random_transforms
 from planfit.adjust import AdjustOptions, build_problem, hold_to_keyframes, reduce_measurements
+from planfit.adjust.options import TermOptions
 from planfit.adjust.paper.preset import paper_options
-from planfit.adjust.terms.surfaces import SurfaceTerm, SurfaceTermOptions
+from planfit.adjust.terms.observation_models import SURFACES
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.robust import SQUARES
@@ -34,10 +36,10 @@ def test_cost_is_the_information_along_the_tangent(rng, rank) -> None:
     poses = random_transforms(rng, 4)
     pairs = make_pairs(rng, poses, [[0, 1], [1, 3]], rank)
     assert (pairs.n_free == 6 - rank).all()
-    term = SurfaceTerm(pairs, SurfaceTermOptions(loss=SQUARES))
+    term = SurfaceTerm(pairs, replace(SURFACES, loss=SQUARES))
     tangent = 1e-4 * rng.normal(size=(2, 6))
     off = replace(pairs, a_from_b=se3.retract(pairs.a_from_b, tangent))
-    moved = SurfaceTerm(off, SurfaceTermOptions(loss=SQUARES))
+    moved = SurfaceTerm(off, replace(SURFACES, loss=SQUARES))
     expected = 0.5 * np.einsum("pi,pij,pj->", tangent, pairs.information, tangent)
     assert term.reweight(poses)[1] == pytest.approx(0.0, abs=1e-12)
     assert moved.reweight(poses)[1] == pytest.approx(expected, rel=2e-3)
@@ -46,7 +48,7 @@ def test_cost_is_the_information_along_the_tangent(rng, rank) -> None:
 def test_gradient_by_differences_at_a_rank_below_six(rng) -> None:
     poses = random_transforms(rng, 4)
     pairs = make_pairs(rng, poses, [[0, 1], [1, 3], [0, 3]], rank=5)
-    term = SurfaceTerm(pairs, SurfaceTermOptions())
+    term = SurfaceTerm(pairs, SURFACES)
     there = nudged(rng, poses, 2.0, 0.05)
     by_terms = term.reweight(there)[0].normal_blocks(there).gradient
     slopes = gradient_by_differences(lambda p: term.reweight(p)[1], there)
@@ -59,7 +61,7 @@ def test_weight_and_loss_reach_the_term(rng) -> None:
     there = nudged(rng, poses, 5.0, 0.3)
 
     def cost(**options):
-        return SurfaceTerm(pairs, SurfaceTermOptions(**options)).reweight(there)[1]
+        return SurfaceTerm(pairs, replace(SURFACES, **options)).reweight(there)[1]
 
     assert cost(weight=2.0) == pytest.approx(2 * cost())
     assert cost(loss=SQUARES) > cost()
@@ -80,7 +82,7 @@ def test_pairs_hold_frames_that_nothing_else_holds(rng) -> None:
     assert "surfaces" in problem.costs(start)
     solved = problem.solve().target_from_cams
     assert_allclose(solved[:, :3, 3], world.plan_from_cams[:, :3, 3], atol=2e-3)
-    without = replace(options, surfaces=SurfaceTermOptions(weight=0.0))
+    without = replace(options, surfaces=TermOptions(0.0))
     assert build_problem(measured, without, start).surfaces is None
 
 
@@ -95,7 +97,7 @@ def test_a_direction_left_free_is_not_held(rng) -> None:
         np.zeros((1, 6, 7)),
         np.ones(1),
     )
-    term = SurfaceTerm(pairs, SurfaceTermOptions())
+    term = SurfaceTerm(pairs, SURFACES)
     along, across = poses.copy(), poses.copy()
     along[1, 2, 3] = 3.0
     across[1, 0, 3] = 0.1
@@ -126,7 +128,7 @@ def test_keyframes_carry_pairs_and_what_they_observe(rng) -> None:
     reduced = reduce_measurements(measured, keyframes).surfaces
     moved = nudged(rng, poses[keyframes.frame_idx], 0.002, 0.0001)
     every = moved[keyframes.nearest] @ keyframes.key_from_cam
-    options = SurfaceTermOptions(loss=SQUARES)
+    options = replace(SURFACES, loss=SQUARES)
     between = keyframes.nearest[pairs.pairs]
     own = pairs[between[:, 0] != between[:, 1]]
     assert len(reduced) == len(own) > 0
@@ -147,4 +149,4 @@ def test_the_papers_cost_has_no_surfaces() -> None:
     assert paper_options().surfaces.weight == 0.0
     by_sgd = replace(paper_options(), method="sgd")
     with pytest.raises(OptionError, match="paper's cost only"):
-        replace(by_sgd, surfaces=SurfaceTermOptions())
+        replace(by_sgd, surfaces=SURFACES)

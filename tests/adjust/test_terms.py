@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from planfit.adjust.terms.effective_observations import Weighting
 
 from builders import (
     gradient_by_differences,
@@ -15,11 +16,11 @@ from builders import (
     random_transforms,
 )
 from planfit.adjust.association import Association, AssociationOptions, associate
-from planfit.adjust.terms.effective_observations import Weighting
-from planfit.adjust.terms.levels import LevelOptions, floor_term
-from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.adjust.terms.levels import floor_term
+from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, POINTS, WALLS
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.pose_terms import PosePriorTerm
@@ -42,10 +43,10 @@ def terms(world):
     )
     assert association.n_associated == len(world.structure.walls)
     made = [
-        PointTerm(world.matches, PointOptions()),
-        floor_term(world.structure, LevelOptions()),
-        WallTerm(world.structure.walls, world.floorplan, association, WallOptions()),
-        OdometryTerm(world.odometry, OdometryTermOptions()),
+        PointTerm(world.matches, POINTS),
+        floor_term(world.structure, FLOOR),
+        WallTerm(world.structure.walls, world.floorplan, association, WALLS),
+        OdometryTerm(world.odometry, ODOMETRY),
         PosePriorTerm(np.array([0, 3]), world.plan_from_cams[[0, 3]], np.full(6, 0.1)),
     ]
     return {term.name: term for term in made}
@@ -211,7 +212,7 @@ def test_a_recorded_jump_is_not_spread_over_the_path(world):
     # With the robust loss the one wrong step has next to no weight.
     poses = world.plan_from_cams.copy()
     poses[4:, 0, 3] += 3.0
-    term = OdometryTerm(make_odometry(poses, OdometryOptions()), OdometryTermOptions())
+    term = OdometryTerm(make_odometry(poses, OdometryOptions()), ODOMETRY)
     quadratic, _ = term.reweight(world.plan_from_cams)
     sure = quadratic.information[:, 3] * term.odometry.sigma_translation**2
     assert sure[3] < 0.05

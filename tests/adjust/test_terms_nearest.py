@@ -20,8 +20,8 @@ from builders import (
     twin_nearest,
 )
 from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.terms.observation_models import POINTS, WALLS
+from planfit.adjust.terms.points import PointTerm
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
@@ -45,7 +45,7 @@ def make_term(world, **options):
 def nearest_term(
     patches, floorplan, nearest_to="line", max_distance_m=1.0, oriented=True, **options
 ):
-    chosen = WallOptions(**{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
+    chosen = replace(WALLS, **{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
     return NearestTerm(
         patches, floorplan, chosen, NearestPointOptions(nearest_to, max_distance_m, oriented)
     )
@@ -263,7 +263,7 @@ def test_no_wall_points_cost_nothing(world):
 
 @pytest.mark.parametrize("nearest_to", TARGETS)
 def test_brings_a_drifted_walk_back(nearest_to, world, rng):
-    terms = [make_term(world, nearest_to=nearest_to), PointTerm(world.matches, PointOptions())]
+    terms = [make_term(world, nearest_to=nearest_to), PointTerm(world.matches, POINTS)]
     move = se3.yaw_transform(0.02, np.array([0.1, -0.12, 0.0]))
     start = move @ nudged(rng, world.plan_from_cams, 0.3, 0.02)
     start[:, 2, 3] = world.plan_from_cams[:, 2, 3]

@@ -13,8 +13,9 @@ from builders import (
     random_transforms,
 )
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
-from planfit.adjust.terms.rays import RayOptions, RayTerm
-from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
+from planfit.adjust.terms.observation_models import RAYS, REPROJECTION
+from planfit.adjust.terms.rays import RayTerm
+from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
@@ -43,8 +44,8 @@ def terms(matches, poses):
 
 def make_terms(matches, n, **options):
     made = [
-        ReprojectionTerm(matches, facing_cameras(n), ReprojectionOptions(**options)),
-        RayTerm(matches, RayOptions(**options)),
+        ReprojectionTerm(matches, facing_cameras(n), replace(REPROJECTION, **options)),
+        RayTerm(matches, replace(RAYS, **options)),
     ]
     return {term.name: term for term in made}
 

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 from builders import jacobian_by_differences, make_matches, nudged
 from facing import facing_cameras, facing_matches, facing_poses
 from planfit.adjust.terms import reprojection
-from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
+from planfit.adjust.terms.observation_models import REPROJECTION
+from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.lsq.normal_equations import NormalEquations
@@ -29,7 +30,7 @@ def matches(rng, poses):
 
 
 def make_term(matches, n, **options):
-    return ReprojectionTerm(matches, facing_cameras(n), ReprojectionOptions(**options))
+    return ReprojectionTerm(matches, facing_cameras(n), replace(REPROJECTION, **options))
 
 
 def residuals_px(matches, cameras, poses):
@@ -151,4 +152,4 @@ def test_a_point_lifted_at_no_depth_has_no_weight(poses, rng):
 @pytest.mark.parametrize("name", ["sigma_px", "max_observations"])
 def test_refuses_options_that_cannot_work(name):
     with pytest.raises(OptionError, match=name):
-        ReprojectionOptions(**{name: 0.0})
+        replace(REPROJECTION, **{name: 0.0})

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from builders import gradient_by_differences, make_world, nudged
 from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.terms.observation_models import WALLS
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -16,7 +17,7 @@ from planfit.adjust.terms.wall_offsets import (
     read_offsets,
     with_offsets,
 )
-from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import Loss, LossKind
@@ -34,7 +35,7 @@ def case(world, rng):
         world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
     n = len(world.plan_from_cams)
-    term = OffsetWallTerm(world.structure.walls, world.floorplan, association, WallOptions(), n)
+    term = OffsetWallTerm(world.structure.walls, world.floorplan, association, WALLS, n)
     unknowns = with_offsets(nudged(rng, world.plan_from_cams, 1.0, 0.05), world.floorplan)
     unknowns[n:, :3, 3] = rng.normal(size=(len(world.floorplan), 3)) * 0.05
     return term, unknowns
@@ -90,7 +91,7 @@ def test_a_face_drawn_off_is_found_and_does_not_deform_the_scan(world):
     strain = {}
     for sigma_m in (0.0, 0.05):
         # A loss that does not reject the wall outright, so that it has to go somewhere.
-        walls = WallOptions(offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
+        walls = replace(WALLS, offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
         plan_adjustment = adjust_to_plan(
             world.measurements, wrong, world.plan_from_cams, AdjustOptions(walls=walls)
         )
@@ -107,7 +108,7 @@ def test_a_face_drawn_off_is_found_and_does_not_deform_the_scan(world):
 
 def test_a_tight_prior_keeps_faces_where_they_are_drawn(world):
     wrong = moved_plan(world.floorplan, 1, -0.08)
-    options = AdjustOptions(walls=WallOptions(offset_sigma_m=1e-4))
+    options = AdjustOptions(walls=replace(WALLS, offset_sigma_m=1e-4))
     plan_adjustment = adjust_to_plan(world.measurements, wrong, world.plan_from_cams, options)
     assert np.abs(plan_adjustment.offsets_m).max() < 1e-3
 
@@ -127,7 +128,7 @@ def test_offsets_that_are_seen_are_surer_than_their_prior(world):
     association = associate(
         world.structure.walls, floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
-    term = OffsetWallTerm(world.structure.walls, floorplan, association, WallOptions(), n)
+    term = OffsetWallTerm(world.structure.walls, floorplan, association, WALLS, n)
     terms = [*world.scan_terms, term, offset_prior(n, floorplan, 0.05)]
     unknowns = with_offsets(world.plan_from_cams, floorplan)
     faces = n + np.arange(len(floorplan))

@@ -7,7 +7,8 @@ from virtual_points import virtual_matches, virtual_points
 
 from builders import make_world, nudged, random_transforms
 from facing import with_noise
-from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.observation_models import POINTS
+from planfit.adjust.terms.points import PointTerm
 from planfit.geometry import se3
 
 
@@ -30,7 +31,7 @@ def test_one_point_is_four_times_itself():
 
 def test_seven_matches_cost_what_all_matches_of_a_pair_cost(rng):
     world = make_world(rng)
-    term = PointTerm(with_noise(rng, world.matches), PointOptions())
+    term = PointTerm(with_noise(rng, world.matches), POINTS)
     moments, _ = term.reweight(nudged(rng, world.plan_from_cams, 1.0, 0.1))
     a, b, weight = virtual_matches(moments)
     for poses in (world.plan_from_cams, random_transforms(rng, len(world.plan_from_cams))):

@@ -1,5 +1,6 @@
 """IBA: geometry never beyond its bound, at any iterate, whatever the other terms want."""
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
@@ -9,13 +10,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import gradient_by_differences, make_world, nudged, room_plan
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
 from planfit.adjust.association import AssociationOptions, associate
-from planfit.adjust.terms.levels import LevelOptions, floor_term
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.reprojection import ReprojectionOptions, ReprojectionTerm
-from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.adjust.terms.levels import floor_term
+from planfit.adjust.terms.observation_models import FLOOR, POINTS, REPROJECTION, WALLS
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.reprojection import ReprojectionTerm
+from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import bounded, problem, solver
-from planfit.lsq.bounded import BarrierTerm, BoundedOptions, growth_power, solve_bounded
+from planfit.lsq.bounded import Allowance, BarrierTerm, growth_power, solve_bounded
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import Loss, LossKind
@@ -29,16 +31,16 @@ def disagreeing(world, weight=1.0):
     """Floor and walls of a plan that is 0.4 m wider and 0.2 m deeper than the room is."""
     poses, structure = world.plan_from_cams, world.structure
     association = associate(structure.walls, world.floorplan, poses, 0.5, AssociationOptions())
-    options = WallOptions(
-        weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_observations=4.0
+    options = replace(
+        WALLS, weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_observations=4.0
     )
     walls = WallTerm(structure.walls, room_plan(6.4, 4.2), association, options)
-    return [floor_term(structure, LevelOptions()), walls]
+    return [floor_term(structure, FLOOR), walls]
 
 
 def noisy_points(world, rng, loss=None, outliers=0.1):
     matches = with_outliers(rng, with_noise(rng, world.matches), outliers)
-    return PointTerm(matches, PointOptions(loss=loss) if loss else PointOptions())
+    return PointTerm(matches, replace(POINTS, loss=loss) if loss else POINTS)
 
 
 @pytest.fixture
@@ -85,7 +87,7 @@ def test_point_error_never_exceeds_the_bound_at_any_iterate(accepted, loss, weig
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
     with patch.object(bounded, "BARRIER_SHARE", share):
         others = disagreeing(world, weight)
-        result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
+        result = solve_bounded([points], others, start, Allowance(), QUICK)
     costs = [robust_cost([points], poses) for poses in accepted]
     assert len(costs) > 10
     assert max(costs) < result.bound
@@ -97,11 +99,11 @@ def test_reprojection_never_exceeds_the_bound_at_any_iterate(accepted, seed):
     rng = np.random.default_rng(seed)
     poses = facing_poses()
     matches = with_outliers(rng, with_noise(rng, facing_matches(rng, poses), 0.005), 0.1)
-    term = ReprojectionTerm(matches, facing_cameras(len(poses)), ReprojectionOptions())
+    term = ReprojectionTerm(matches, facing_cameras(len(poses)), REPROJECTION)
     # Priors where the poses are not.
     wrong = PosePriorTerm(np.arange(len(poses)), nudged(rng, poses, 3.0, 0.2), np.full(6, 0.02))
     start = drifted(rng, poses)
-    result = solve_bounded([term], [wrong], start, BoundedOptions(), QUICK)
+    result = solve_bounded([term], [wrong], start, Allowance(), QUICK)
     costs = [robust_cost([term], at) for at in accepted]
     assert max(costs) < result.bound
     assert result.bounded_cost.after > result.bounded_cost.before
@@ -147,7 +149,7 @@ def test_the_bound_is_the_cost_of_residuals_a_twentieth_larger(loss, rng):
     world = make_world(rng)
     points, others = noisy_points(world, rng, loss), disagreeing(world)
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
-    result = solve_bounded([points], others, start, BoundedOptions(slack=1e-9), QUICK)
+    result = solve_bounded([points], others, start, Allowance(slack=1e-9), QUICK)
     least = cost_of_larger_residuals(points, start_of(result), 1.0)
     larger = cost_of_larger_residuals(points, start_of(result), 1.05)
     assert_allclose(result.bounded_cost.before, least, rtol=1e-4)
@@ -163,7 +165,9 @@ def test_the_bound_is_the_cost_of_residuals_a_twentieth_larger(loss, rng):
 def test_terms_without_any_cost_grow_as_squares(rng):
     world = make_world(rng)
     assert (
-        growth_power([floor_term(world.structure, LevelOptions(weight=0.0))], world.plan_from_cams)
+        growth_power(
+            [floor_term(world.structure, replace(FLOOR, weight=0.0))], world.plan_from_cams
+        )
         == 2
     )
 
@@ -172,7 +176,7 @@ def test_without_the_bound_the_same_terms_exceed_it(rng):
     world = make_world(rng)
     points, others = noisy_points(world, rng), disagreeing(world, 30.0)
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
-    result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
+    result = solve_bounded([points], others, start, Allowance(), QUICK)
     free = solve([points, *others], start, QUICK)
     assert free.cost_by_term["points"].after > 1.5 * result.bound
 
@@ -181,7 +185,7 @@ def test_reports_bound_and_both_rounds(rng):
     world = make_world(rng)
     points, others = noisy_points(world, rng), disagreeing(world)
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
-    options = BoundedOptions(error_factor=1.1, slack=0.5)
+    options = Allowance(error_factor=1.1, slack=0.5)
     result = solve_bounded([points], others, start, options, QUICK)
     alone = solve([points], start, QUICK)
     assert_array_equal(result.alone.target_from_cams, alone.target_from_cams)
@@ -205,13 +209,13 @@ def test_exact_matches_leave_the_slack_to_reach_the_plan(rng):
     association = associate(
         world.structure.walls, world.floorplan, world.plan_from_cams, 0.5, AssociationOptions()
     )
-    walls = WallTerm(world.structure.walls, world.floorplan, association, WallOptions())
-    others = [floor_term(world.structure, LevelOptions()), walls]
-    points = PointTerm(world.matches, PointOptions())
+    walls = WallTerm(world.structure.walls, world.floorplan, association, WALLS)
+    others = [floor_term(world.structure, FLOOR), walls]
+    points = PointTerm(world.matches, POINTS)
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     tight = SolverOptions(max_iterations=200, cost_tolerance=1e-10)
     with patch.object(bounded, "BARRIER_SHARE", 1e-3):
-        result = solve_bounded([points], others, start, BoundedOptions(), tight)
+        result = solve_bounded([points], others, start, Allowance(), tight)
     assert result.bounded_cost.after < result.bound < 2e-3
     assert_allclose(result.solution.target_from_cams, world.plan_from_cams, atol=5e-3)
 
@@ -221,7 +225,7 @@ def test_a_larger_factor_gives_the_others_more(rng):
     points, others = noisy_points(world, rng), disagreeing(world, 30.0)
     start = nudged(rng, world.plan_from_cams, 0.5, 0.1)
     results = [
-        solve_bounded([points], others, start, BoundedOptions(error_factor=factor), QUICK)
+        solve_bounded([points], others, start, Allowance(error_factor=factor), QUICK)
         for factor in (1.01, 1.05, 1.3)
     ]
     walls = [r.solution.cost_by_term["walls"].after for r in results]
@@ -236,7 +240,7 @@ def test_a_smaller_barrier_comes_closer_to_the_bound(rng):
     used = []
     for share in (1.0, 0.1, 0.01):
         with patch.object(bounded, "BARRIER_SHARE", share):
-            result = solve_bounded([points], others, start, BoundedOptions(), QUICK)
+            result = solve_bounded([points], others, start, Allowance(), QUICK)
         cost = result.bounded_cost
         used.append((cost.after - cost.before) / (result.bound - cost.before))
     assert used == sorted(used)
@@ -292,13 +296,13 @@ def test_barrier_is_infinite_at_and_beyond_the_bound(rng):
 def test_others_that_cost_nothing_change_nothing_much(rng):
     world = make_world(rng)
     points = noisy_points(world, rng)
-    weightless = floor_term(world.structure, LevelOptions(weight=0.0))
+    weightless = floor_term(world.structure, replace(FLOOR, weight=0.0))
     start = nudged(rng, world.plan_from_cams, 0.5, 0.05)
-    result = solve_bounded([points], [weightless], start, BoundedOptions(), QUICK)
+    result = solve_bounded([points], [weightless], start, Allowance(), QUICK)
     assert result.bounded_cost.after <= result.bounded_cost.before * (1 + 1e-9)
 
 
 @pytest.mark.parametrize(("name", "value"), [("error_factor", 0.9), ("slack", 0.0)])
 def test_refuses_options_that_cannot_work(name, value):
     with pytest.raises(OptionError, match=name):
-        BoundedOptions(**{name: value})
+        Allowance(**{name: value})

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 
 from builders import make_matches, make_world, nudged, position_rms_m, random_transforms
-from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.observation_models import POINTS
+from planfit.adjust.terms.points import PointTerm
 from planfit.geometry import se3
 from planfit.lsq import solver
 from planfit.lsq.blocks import NormalBlocks
@@ -32,7 +33,7 @@ def world(rng):
 @pytest.fixture
 def points_and_prior(world):
     return [
-        PointTerm(world.matches, PointOptions()),
+        PointTerm(world.matches, POINTS),
         first_prior(world.plan_from_cams),
     ]
 
@@ -50,7 +51,7 @@ def test_agrees_with_scipy(world, rng):
         world.matches,
         points_a=world.matches.points_a + rng.normal(0, 0.02, world.matches.points_a.shape),
     )
-    options = PointOptions(loss=Loss(LossKind.SQUARED), max_observations=1e9)
+    options = replace(POINTS, loss=Loss(LossKind.SQUARED), max_observations=1e9)
     terms = [PointTerm(noisy, options), first_prior(world.plan_from_cams, 0.01)]
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     solution = solve(terms, start, TIGHT)
@@ -127,7 +128,7 @@ def test_stop_stuck_where_no_step_helps(world, rng):
 def test_a_wider_cost_tolerance_ends_sooner(points_and_prior, world, rng):
     noise = rng.standard_t(1.5, world.matches.points_a.shape) * 0.05
     noisy = replace(world.matches, points_a=world.matches.points_a + noise)
-    terms = [PointTerm(noisy, PointOptions()), points_and_prior[1]]
+    terms = [PointTerm(noisy, POINTS), points_and_prior[1]]
     wide, usual, tight = (
         solve(terms, world.plan_from_cams, SolverOptions(cost_tolerance=tolerance))
         for tolerance in (0.05, 1e-4, 1e-7)
@@ -198,7 +199,7 @@ def test_resists_outliers_where_squares_do_not(world, kind, rng):
     start = nudged(rng, world.plan_from_cams, 0.5, 0.05)
 
     def error_m(loss):
-        term = PointTerm(bad, PointOptions(loss=loss))
+        term = PointTerm(bad, replace(POINTS, loss=loss))
         solution = solve([term, first_prior(world.plan_from_cams)], start, TIGHT)
         return position_rms_m(solution.target_from_cams, world.plan_from_cams)
 
@@ -208,7 +209,7 @@ def test_resists_outliers_where_squares_do_not(world, kind, rng):
 
 def test_the_prior_holds_the_gauge(world, rng):
     start = random_transforms(rng, 1)[0] @ nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    terms = [PointTerm(world.matches, PointOptions()), first_prior(start, 1e-6)]
+    terms = [PointTerm(world.matches, POINTS), first_prior(start, 1e-6)]
     solution = solve(terms, start, TIGHT)
     assert_allclose(solution.target_from_cams[0], start[0], atol=1e-5)
     move = start[0] @ se3.inverse(world.plan_from_cams[0])
@@ -217,7 +218,7 @@ def test_the_prior_holds_the_gauge(world, rng):
 
 def test_a_free_gauge_is_solved_too(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    solution = solve([PointTerm(world.matches, PointOptions())], start, TIGHT)
+    solution = solve([PointTerm(world.matches, POINTS)], start, TIGHT)
     assert solution.cost_by_term["points"].after < 1e-6
     assert position_rms_m(solution.target_from_cams, start) < 0.3
 
@@ -226,7 +227,7 @@ def test_poses_that_nothing_holds_do_not_move(world, rng):
     start = nudged(rng, world.plan_from_cams, 1.0, 0.1)
     points = rng.uniform(0, 4, (20, 3))
     some = make_matches(world.plan_from_cams, [(0, 1), (1, 2)], points)
-    terms = [PointTerm(some, PointOptions()), first_prior(world.plan_from_cams)]
+    terms = [PointTerm(some, POINTS), first_prior(world.plan_from_cams)]
     solution = solve(terms, start, TIGHT)
     assert_array_equal(solution.target_from_cams[3:], start[3:])
     assert_allclose(solution.target_from_cams[:3], world.plan_from_cams[:3], atol=1e-4)

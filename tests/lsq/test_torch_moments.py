@@ -8,9 +8,10 @@ from numpy.testing import assert_allclose
 
 from builders import make_world, nudged
 from planfit.adjust import AdjustOptions, adjust_to_plan
-from planfit.adjust.terms.levels import LevelOptions, floor_term
-from planfit.adjust.terms.points import PointOptions, PointTerm
-from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.adjust.terms.levels import floor_term
+from planfit.adjust.terms.observation_models import FLOOR, POINTS, WALLS
+from planfit.adjust.terms.points import PointTerm
+from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import torch_moments
 from planfit.lsq.moments import pair_moments, plane_moments
@@ -115,7 +116,7 @@ def test_pairs_that_are_left_out_are_left_out_on_a_device_too(device, rng, monke
     world = make_world(rng)
     is_kept = np.arange(len(world.matches.pairs)) % 2 == 0
     where = device_of_terms(device, monkeypatch)
-    term = PointTerm(world.matches, PointOptions(), device=where, is_kept=is_kept)
+    term = PointTerm(world.matches, POINTS, device=where, is_kept=is_kept)
     moments, _ = term.reweight(world.plan_from_cams)
     assert np.array_equal(moments.pairs, world.matches.pairs[is_kept])
 
@@ -129,11 +130,9 @@ def test_a_solve_ends_at_the_same_poses(device, rng, monkeypatch):
 
     def terms(where):
         return [
-            PointTerm(world.matches, PointOptions(), device=where),
-            floor_term(world.structure, LevelOptions(), where),
-            WallTerm(
-                world.structure.walls, world.floorplan, association, WallOptions(), device=where
-            ),
+            PointTerm(world.matches, POINTS, device=where),
+            floor_term(world.structure, FLOOR, where),
+            WallTerm(world.structure.walls, world.floorplan, association, WALLS, device=where),
         ]
 
     where = device_of_terms(device, monkeypatch)
@@ -159,7 +158,7 @@ def test_a_gpu_that_is_not_there_is_refused(rng):
     [
         {"geometric": "rays"},
         {"wall_strategy": "iterative"},
-        {"walls": WallOptions(offset_sigma_m=0.02)},
+        {"walls": replace(WALLS, offset_sigma_m=0.02)},
     ],
 )
 def test_terms_that_do_not_run_on_a_gpu_are_refused(changes):

@@ -116,8 +116,8 @@ def narrow(
         plan_from_cams: where to begin.
         widths: factor on the scale of each wall patch's loss at first, 1 or more.
     """
-    walls, shortest_m = task.options.walls, task.options.wall_distances_m[-1]
-    scale_m = walls.sigma_m * walls.loss.scale
+    walls, shortest_m = task.options.model("walls"), task.options.wall_distances_m[-1]
+    scale_m = walls.sigma * walls.loss.scale
     few = replace(task.options.solver, max_iterations=STAGE_ITERATIONS)
     stage = replace(task, options=replace(task.options, solver=few))
     for power in NARROWING:
@@ -146,7 +146,7 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
             sigmas that terms were given does not count.
     """
     options = task.options
-    if options.walls.offset_sigma_m > 0:
+    if options.wall_offset_sigma_m > 0 or not options.finds_moved_walls:
         return end
     for _ in range(MAX_SEARCHES):
         moved_m = find_moved(
@@ -155,7 +155,6 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
             task.floorplan,
             end.plan_from_cams,
             options.association,
-            options.moved_wall_sigma_m,
             task.measurements.structure.storeys,
             known,
         )

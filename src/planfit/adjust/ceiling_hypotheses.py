@@ -16,7 +16,6 @@ from planfit.adjust.ceilings import TOLERANCE_M, find_ceilings, level_middles
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.lsq.robust import loss_value
 
 _MAX_DRIFT_M = 1.0
@@ -85,12 +84,11 @@ def _cost(
     as much as one at the tolerance, or letting go of ceilings would pay."""
     poses = _solved(measurements, plan_from_cams, heights_m, options)
     others = build_problem(measurements, options, poses).costs(poses)
-    term, points = options.ceiling, measurements.structure.ceiling
+    model, points = options.model("ceiling"), measurements.structure.ceiling
     middles = level_middles(points, poses)
     is_seen = np.isfinite(middles)
     off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=TOLERANCE_M)
-    each, _ = loss_value((np.minimum(off_m, TOLERANCE_M) / term.sigma_m) ** 2, term.loss)
+    each, _ = loss_value((np.minimum(off_m, TOLERANCE_M) / model.sigma) ** 2, model.loss)
     n_points = np.diff(points.start)[is_seen]
-    weighting = Weighting(term.max_observations, term.points_per_observation)
-    worth = term.weight * n_points * weighting.weight_per_point(n_points)
+    worth = model.weight * n_points * model.weight_per_point(n_points)
     return sum(others.values()) + 0.5 * float(each @ worth)

@@ -189,15 +189,15 @@ def _adjust(task: PlanTask, name: str, plan_from_cams: Float[np.ndarray, "n 4 4"
 
 def limits(task: PlanTask) -> Float[np.ndarray, " k"]:
     """Cost of each wall patch that lies as far from its face as a patch may."""
-    walls = task.options.walls
+    walls = task.options.model("walls")
     worst, _ = loss_value(_far(task), walls.loss)
     return 0.5 * worst[0] * observations_of(task.measurements.structure.walls, walls)
 
 
 def patch_costs(task: PlanTask, end: Alternation) -> Float[np.ndarray, " k"]:
     """Cost of each patch's middle as a share of the most it can cost: 0 on its face, 1 far from any."""
-    walls = task.options.walls
-    off = np.nan_to_num(end.correspondences.walls.distance_m, nan=1e3) / walls.sigma_m
+    walls = task.options.model("walls")
+    off = np.nan_to_num(end.correspondences.walls.distance_m, nan=1e3) / walls.sigma
     cost, _ = loss_value(off**2, walls.loss)
     worst, _ = loss_value(_far(task), walls.loss)
     return np.minimum(cost / worst[0], 1.0)
@@ -218,7 +218,7 @@ def is_clear(task: PlanTask, end: Alternation) -> bool:
 
 def _far(task: PlanTask) -> Float[np.ndarray, " 1"]:
     """Squared residual of a patch as far off as a patch may be."""
-    return np.array([(task.options.wall_distances_m[-1] / task.options.walls.sigma_m) ** 2])
+    return np.array([(task.options.wall_distances_m[-1] / task.options.model("walls").sigma) ** 2])
 
 
 def _as_aligned(
@@ -248,25 +248,26 @@ def _voted(
 ) -> Float[np.ndarray, "n 4 4"]:
     """Stretches first shifted to where most of their wall finds faces."""
     patches, options = task.measurements.structure.walls, task.options
+    walls = options.model("walls")
     if len(patches) == 0:
         return plan_from_cams
     voted = vote(
         patches,
-        observations_of(patches, options.walls),
+        observations_of(patches, walls),
         task.floorplan,
         plan_from_cams,
         options.association,
         min(MAX_SHIFT_M, max(options.wall_distances_m)),
         task.measurements.structure.storeys,
     )
-    scale_m = options.walls.sigma_m * options.walls.loss.scale
+    scale_m = walls.sigma * walls.loss.scale
     return narrow(task, voted, _widths(task, np.full(len(patches), VOTED_WIDTH * scale_m)))
 
 
 def _widths(task: PlanTask, reach_m: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     """Factors on the scale of the walls' loss for a reach, up to the widest there is."""
-    walls = task.options.walls
-    scale_m = walls.sigma_m * walls.loss.scale
+    walls = task.options.model("walls")
+    scale_m = walls.sigma * walls.loss.scale
     furthest_m = min(MAX_REACH_M, max(task.options.wall_distances_m) / 2)
     return np.maximum(np.minimum(reach_m, furthest_m) / scale_m, 1.0)
 

@@ -80,7 +80,7 @@ def _is_one_of_two(best: WallTest, before: Sequence[WallTest], after: Sequence[W
 
 def _tests(task: PlanTask, end: Alternation, errors: Errors) -> tuple[WallTest, ...]:
     problem = task.problem(end.plan_from_cams, end.correspondences)
-    return run_wall_tests(errors(problem), task.floorplan, task.options.moved_wall_sigma_m)
+    return run_wall_tests(errors(problem), task.floorplan)
 
 
 def _without(

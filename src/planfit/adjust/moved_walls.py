@@ -41,6 +41,8 @@ walls, and none is taken for moved."""
 MIN_SIGMAS = 3.0
 """An offset counts from this many of its standard deviations on: where little holds the poses that saw a
 wall, they may be off as well."""
+MOVED_SIGMA_M = 0.3
+"""Sigma of the offset of a wall that was moved: decimetres."""
 PRICE = 5.0
 """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
 them than of one as drawn (0.3 m against 0.02 m)."""
@@ -67,7 +69,6 @@ def find_moved(
     floorplan: Floorplan,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     association: AssociationOptions,
-    sigma_m: float,
     storeys: Int[np.ndarray, " n"] | None = None,
     known: Sequence[int] = (),
 ) -> Float[np.ndarray, " f"]:
@@ -79,13 +80,12 @@ def find_moved(
         floorplan: as drawn.
         plan_from_cams: where the adjustment ended.
         association: which faces a patch may belong to.
-        sigma_m: of the offset of a wall that was moved; 0: all stand as drawn.
         storeys: that each frame stands on, where the plan has storeys.
         known: faces that other evidence says were moved: some of their patches that agree are enough, and
             they say nothing against the poses.
     """
     moved_m = np.full(len(floorplan), np.nan)
-    if sigma_m == 0 or len(patches) == 0:
+    if len(patches) == 0:
         return moved_m
     is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < MIN_OFFSET_M
     nearest, off = nearest_unexplained(

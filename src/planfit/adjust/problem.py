@@ -14,8 +14,9 @@ from jaxtyping import Float
 from planfit.adjust.association import Association, PlanCorrespondences
 from planfit.adjust.extra_terms import require_extra_terms_to_work
 from planfit.adjust.measurements import Measurements
+from planfit.adjust.moved_walls import MOVED_SIGMA_M
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.paper.descent import PaperWeights, descend
+from planfit.adjust.paper.descent import PAPER_SCHEDULE, PaperWeights, descend
 from planfit.adjust.rigid_motion import hold_whole
 from planfit.adjust.scan_terms import (
     by_hand_term,
@@ -25,9 +26,9 @@ from planfit.adjust.scan_terms import (
     surfaces_term,
 )
 from planfit.adjust.terms.control import control_term
-from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm
-from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
+from planfit.adjust.terms.nearest import NearestTerm
+from planfit.adjust.terms.observation_models import PAPER_ROUNDING_M
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
@@ -42,7 +43,7 @@ from planfit.adjust.terms.wall_offsets import (
 )
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
-from planfit.lsq.bounded import solve_bounded
+from planfit.lsq.bounded import Allowance, solve_bounded
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.problem import Problem
 from planfit.lsq.residual_term import ResidualTerm
@@ -140,9 +141,11 @@ class AdjustmentProblem:
             return self._descend(self.correspondences, start)
         if options.is_bounded and self.geometric is not None:
             others = self.terms_but_geometric
-            bounded = solve_bounded(
-                [self.geometric], others, start, options.bounded, options.solver
+            # The paper's cost is in metres: its bound is 1.05 times the least mean distance, and no more.
+            allowance = (
+                Allowance(slack=PAPER_ROUNDING_M) if options.cost == "paper" else Allowance()
             )
+            bounded = solve_bounded([self.geometric], others, start, allowance, options.solver)
             return bounded.solution
         return Problem(self.terms, start).solve(options.solver)
 
@@ -186,8 +189,8 @@ class AdjustmentProblem:
             correspondences.floorplan,
             walls,
             start,
-            PaperWeights(o.floor.weight, o.walls.weight, o.points.loss.scale),
-            o.descent,
+            PaperWeights(o.floor.weight, o.walls.weight),
+            PAPER_SCHEDULE,
         )
         costs = {
             term.name: Cost(term.reweight(start)[1], term.reweight(descent.target_from_cams)[1])
@@ -207,7 +210,7 @@ def build_problem(
 
     Args:
         measurements: what the scan says.
-        options: weights, losses, and what is solved for.
+        options: weights, cost, and what is solved for.
         target_from_cams: poses to begin with: plan_from_cams with correspondences, else level_from_cams.
         correspondences: what was found in the plan; None closes loops.
         extra_terms: terms of the user's own over the poses of the solved frames (see `planfit.lsq.term`).
@@ -227,7 +230,7 @@ def build_problem(
         surfaces=surfaces_term(measurements, options),
         floor=floor_points_term(measurements, options),
         odometry=odometry_term(measurements, options),
-        control=control_term(measurements.control, options.control),
+        control=control_term(measurements.control, options.model("control")),
         extra=extra,
     )
     if correspondences is not None:
@@ -269,14 +272,14 @@ def _with_plan(
     )
     if correspondences.is_moved.any():
         return _with_moved_walls(problem, correspondences)
-    floorplan, sigma_m = correspondences.floorplan, options.walls.offset_sigma_m
+    floorplan, sigma_m = correspondences.floorplan, options.wall_offset_sigma_m
     if problem.walls is None or options.wall_strategy != "fixed" or sigma_m <= 0:
         return problem
     patches, association = measurements.structure.walls, correspondences.walls
     return replace(
         problem,
         unknowns=with_offsets(problem.unknowns, floorplan),
-        offset_walls=OffsetWallTerm(patches, floorplan, association, options.walls, n),
+        offset_walls=OffsetWallTerm(patches, floorplan, association, options.model("walls"), n),
         offset_prior=offset_prior(n, floorplan, sigma_m),
     )
 
@@ -309,13 +312,11 @@ def _with_moved_walls(
             problem.measurements.structure.walls,
             own,
             association,
-            problem.options.walls,
+            problem.options.model("walls"),
             n,
             "moved walls",
         ),
-        moved_prior=offset_prior(
-            n, own, problem.options.moved_wall_sigma_m, "moved walls, offsets"
-        ),
+        moved_prior=offset_prior(n, own, MOVED_SIGMA_M, "moved walls, offsets"),
     )
 
 
@@ -323,24 +324,24 @@ def ceiling_term(
     measurements: Measurements, heights_m: Float[np.ndarray, " n"], options: AdjustOptions
 ) -> LevelTerm | None:
     """Ceilings at heights (m) that were found for each frame; None where no frame sees a common one."""
-    ceiling, points = options.ceiling, measurements.structure.ceiling
+    ceiling, points = options.model("ceiling"), measurements.structure.ceiling
     has_height = np.isfinite(heights_m)
     if ceiling.weight <= 0 or not has_height.any():
         return None
-    if options.averaging == "mean":
-        ceiling = as_mean(ceiling, int(np.diff(points.start)[has_height].sum()))
+    if options.cost == "paper":
+        ceiling = ceiling.as_mean(int(np.diff(points.start)[has_height].sum()))
     return LevelTerm(points, heights_m, ceiling, "ceiling", options.solver.device)
 
 
 def _columns_term(
     measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
 ) -> WallTerm | None:
-    columns, association = options.columns, correspondences.columns
+    columns, association = options.model("columns"), correspondences.columns
     patches, device = measurements.structure.columns, options.solver.device
     if columns.weight <= 0 or association.n_associated == 0:
         return None
-    if options.averaging == "mean":
-        columns = as_mean(columns, _n_associated_points(patches, association))
+    if options.cost == "paper":
+        columns = columns.as_mean(_n_associated_points(patches, association))
     floorplan = correspondences.floorplan
     return WallTerm(patches, floorplan, association, columns, "columns", device=device)
 
@@ -349,24 +350,24 @@ def _walls_term(
     measurements: Measurements, correspondences: PlanCorrespondences, options: AdjustOptions
 ) -> WallTerm | NearestTerm | None:
     """The walls term of the chosen strategy, faces as drawn; None where no wall has a face."""
-    walls, association = options.walls, correspondences.walls_as_drawn
+    walls, association = options.model("walls"), correspondences.walls_as_drawn
     patches, is_fixed = measurements.structure.walls, options.wall_strategy == "fixed"
     if walls.weight == 0 or association.n_associated == 0:
         return None
     if measurements.kept is not None and not is_fixed:
         patches = patches.of(measurements.kept.patches)  # copied: its patches name no faces
-    if options.averaging == "mean":
+    if options.cost == "paper":
         n_points = len(patches.points_cam)  # any of them may find its nearest point
         if is_fixed:
             n_points = _n_associated_points(patches, association)
-        walls = as_mean(walls, n_points)
+        walls = walls.as_mean(n_points)
     floorplan = correspondences.floorplan
     if is_fixed:
         device, widths = options.solver.device, correspondences.widths
         return WallTerm(patches, floorplan, association, walls, device=device, widths=widths)
     to = "line" if options.wall_strategy == "iterative" else "point"
     reach_m, oriented = correspondences.max_distance_m, options.association.oriented
-    return NearestTerm(patches, floorplan, walls, NearestPointOptions(to, reach_m, oriented))
+    return NearestTerm(patches, floorplan, walls, to, reach_m, oriented)
 
 
 def _n_associated_points(patches: WallPatches, association: Association) -> int:

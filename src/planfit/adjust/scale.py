@@ -56,7 +56,7 @@ def refit_scale(
     """
     cost_at: dict[int, float] = {}
     # Costs at several scales compare where all start alike and walls stand as drawn.
-    quick = replace(options, starts=("aligned",), moved_wall_sigma_m=0.0)
+    quick = replace(options, starts=("aligned",), finds_moved_walls=False)
 
     def cost(step: int) -> float:
         if step not in cost_at:
@@ -95,7 +95,7 @@ def cost_on_plan(
     Of two scales of one plan, that of the lower cost is the likelier: walls that may be moved would explain
     either. Arguments are those of `adjust_to_plan`.
     """
-    as_drawn = replace(options, moved_wall_sigma_m=0.0)
+    as_drawn = replace(options, finds_moved_walls=False)
     task, poses = plan_task(measurements, floorplan, plan_from_cams, as_drawn)
     return full_cost(task, best_of_starts(task, poses).best)
 

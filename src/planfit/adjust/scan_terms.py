@@ -6,10 +6,10 @@ import numpy as np
 
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
-from planfit.adjust.terms.effective_observations import as_mean
 from planfit.adjust.terms.levels import LevelTerm, floor_term
+from planfit.adjust.terms.observation_models import POINTS
 from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointOptions, PointTerm
+from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.adjust.terms.surfaces import SurfaceTerm
@@ -20,16 +20,19 @@ def geometric_term(
     measurements: Measurements, options: AdjustOptions
 ) -> PointTerm | RayTerm | ReprojectionTerm | None:
     """What the matches are held to; None without matches or weight."""
-    matches, kept = measurements.matches, measurements.kept
-    if matches.n_matches == 0 or getattr(options, options.geometric).weight == 0:
+    matches, kept, chosen = (
+        measurements.matches,
+        measurements.kept,
+        options.model(options.geometric),
+    )
+    if matches.n_matches == 0 or chosen.weight == 0:
         return None
-    if kept is not None and (options.geometric != "points" or options.averaging == "mean"):
+    if kept is not None and (options.geometric != "points" or options.cost == "paper"):
         matches, kept = matches.of_pairs(kept.pairs), None  # a copy: they know no left out pairs
-    chosen = getattr(options, options.geometric)
-    if options.averaging == "mean":
+    if options.cost == "paper":
         # The paper's means know no sigmas: a metre is a metre for every match.
         matches = replace(matches, sigma=np.ones_like(matches.sigma))
-        chosen = as_mean(chosen, matches.n_matches)
+        chosen = chosen.as_mean(matches.n_matches)
     if options.geometric == "points":
         is_kept = None if kept is None else kept.pairs
         return PointTerm(matches, chosen, device=options.solver.device, is_kept=is_kept)
@@ -47,10 +50,10 @@ def by_hand_term(measurements: Measurements, options: AdjustOptions) -> PointTer
     matches = measurements.by_hand
     if matches is None or matches.n_matches == 0:
         return None
-    most = options.points.max_observations
+    most = POINTS.max_observations
     counts = np.diff(matches.start)
     share = np.repeat(np.minimum(counts, most) / most, counts)
-    sure = PointOptions(loss=SQUARES, max_observations=most)
+    sure = replace(POINTS, loss=SQUARES)
     matches = replace(matches, sigma=matches.sigma * np.sqrt(share))
     return PointTerm(matches, sure, name="loops by hand", device=options.solver.device)
 
@@ -59,16 +62,16 @@ def surfaces_term(measurements: Measurements, options: AdjustOptions) -> Surface
     """Pairs of frames that were matched by their surfaces."""
     if options.surfaces.weight <= 0 or len(measurements.surfaces) == 0:
         return None
-    return SurfaceTerm(measurements.surfaces, options.surfaces)
+    return SurfaceTerm(measurements.surfaces, options.model("surfaces"))
 
 
 def floor_points_term(measurements: Measurements, options: AdjustOptions) -> LevelTerm | None:
     """Floor points on the floor of their storey."""
-    structure, floor = measurements.structure, options.floor
+    structure, floor = measurements.structure, options.model("floor")
     if floor.weight <= 0 or not structure.has_floor:
         return None
-    if options.averaging == "mean":
-        floor = as_mean(floor, len(structure.floor))
+    if options.cost == "paper":
+        floor = floor.as_mean(len(structure.floor))
     return floor_term(structure, floor, options.solver.device)
 
 
@@ -76,4 +79,4 @@ def odometry_term(measurements: Measurements, options: AdjustOptions) -> Odometr
     """Recorded steps from frame to frame."""
     if options.odometry.weight <= 0 or not len(measurements.odometry.cam_from_next):
         return None
-    return OdometryTerm(measurements.odometry, options.odometry)
+    return OdometryTerm(measurements.odometry, options.model("odometry"))

@@ -196,9 +196,9 @@ def settle_walls(
         extra_terms: as for `adjust_to_plan`.
     """
     held = adjustment.correspondences
-    is_asked = options.has_several_starts and options.moved_wall_sigma_m > 0
+    is_asked = options.has_several_starts and options.finds_moved_walls
     # Offsets of all walls are an own strategy; sums of means are no likelihoods.
-    is_other = options.walls.offset_sigma_m > 0 or options.averaging == "mean"
+    is_other = options.wall_offset_sigma_m > 0 or options.cost == "paper"
     if floorplan is None or held is None or not is_asked or is_other:
         return adjustment
     ceilings_m, poses = held.ceiling_heights_m, adjustment.solution.target_from_cams

@@ -66,11 +66,10 @@ def fit_thickness(
         plan_scale_sigma: how far the plan's scale may be off, as a share; 0 holds it.
         extra_terms: as for `adjust_to_plan`.
     """
-    is_possible = options.has_several_starts and options.walls.offset_sigma_m == 0
+    is_possible = options.has_several_starts and options.wall_offset_sigma_m == 0
     if floorplan.before_line is None or not is_possible:
         return FittedThickness(floorplan, plan_from_cams)
-    loose = replace(options.walls, offset_sigma_m=HALF_SIGMA_M)
-    free = replace(options, walls=loose, starts=("aligned",))
+    free = replace(options, wall_offset_sigma_m=HALF_SIGMA_M, starts=("aligned",))
     sigmas = np.zeros(len(SHARED))
     sigmas[[ODOMETRY, PLAN, HALF]] = odometry_scale_sigma, plan_scale_sigma, HALF_SIGMA_M
     plan, total, sigma = floorplan, 1.0, 0.0

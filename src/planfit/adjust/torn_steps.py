@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.terms.odometry import OdometryTermOptions
+from planfit.adjust.options import TermOptions
 from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
@@ -76,7 +76,7 @@ class DroppedVisit:
 def find_torn_steps(
     measurements: Measurements,
     target_from_cams: Float[np.ndarray, "n 4 4"],
-    options: OdometryTermOptions,
+    options: TermOptions,
 ) -> tuple[TornStep, ...]:
     """Steps beyond their sigmas and beyond what is usual on this walk, the worst first."""
     odometry = measurements.odometry

@@ -6,7 +6,7 @@ It knows nothing of scans or plans. `docs/api/engine.md` is its guide:
 """
 
 from planfit.lsq.blocks import NormalBlocks as NormalBlocks
-from planfit.lsq.bounded import BoundedOptions as BoundedOptions
+from planfit.lsq.bounded import Allowance as Allowance
 from planfit.lsq.bounded import BoundedSolution as BoundedSolution
 from planfit.lsq.bounded import solve_bounded as solve_bounded
 from planfit.lsq.g2o import PoseGraph as PoseGraph

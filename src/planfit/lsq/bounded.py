@@ -36,7 +36,7 @@ closer to the bound and takes more rounds: against a plan that disagrees with th
 
 
 @dataclass(frozen=True)
-class BoundedOptions:
+class Allowance:
     """How much the bounded terms may pay for the others."""
 
     error_factor: float = 1.05
@@ -50,7 +50,7 @@ class BoundedOptions:
         require_positive(self, "slack")
         if not self.error_factor >= 1:
             raise OptionError(
-                f"BoundedOptions.error_factor: expected at least 1, found {self.error_factor}"
+                f"Allowance.error_factor: expected at least 1, found {self.error_factor}"
             )
 
 
@@ -126,7 +126,7 @@ def solve_bounded(
     bounded_terms: Sequence[Term],
     other_terms: Sequence[Term],
     initial_target_from_cams: Float[np.ndarray, "n 4 4"],
-    options: BoundedOptions,
+    allowance: Allowance,
     solver_options: SolverOptions,
 ) -> BoundedSolution:
     """Minimise `other_terms` while that of `bounded_terms` stays below a bound slightly above its minimum.
@@ -135,7 +135,7 @@ def solve_bounded(
         bounded_terms: one or more; a bundle adjustment's, and pose priors if they shall count.
         other_terms: with none of them the second round has nothing to gain.
         initial_target_from_cams: where the first round begins.
-        options: see there.
+        allowance: see there.
         solver_options: when each of the two rounds ends.
 
     Raises:
@@ -145,8 +145,8 @@ def solve_bounded(
     alone = Problem(terms, initial_target_from_cams).solve(solver_options)
     start = alone.target_from_cams
     least = robust_cost(terms, start)
-    growth = options.error_factor ** growth_power(terms, start)
-    bound = growth * least + options.slack
+    growth = allowance.error_factor ** growth_power(terms, start)
+    bound = growth * least + allowance.slack
     paid = robust_cost(others, start)
     # Where the others cost nothing any gamma will do.
     gamma = BARRIER_SHARE * (bound - least) * (paid or 1.0)

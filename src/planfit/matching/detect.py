@@ -38,16 +38,14 @@ class KeypointOptions:
     """Keypoints further away are dropped: depth noise there says little about the pose."""
     weights: str = "magic-leap-community/superpoint"
     """Hub name or folder of SuperPoint's weights."""
-    device: str = "cpu"
-    """Where SuperPoint runs: `cpu`, `cuda`, `cuda:1` and so on; `auto` takes a GPU where there is one."""
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "sift", "orb", "superpoint")
         require_positive(self, "max_per_frame", "contrast_threshold", "max_side_px", "max_depth_m")
 
 
-def make_detector(options: KeypointOptions) -> Detector:
-    """The detector that the options ask for.
+def make_detector(options: KeypointOptions, device: str = "cpu") -> Detector:
+    """The detector that the options ask for; a learned one runs on the device.
 
     Raises:
         OptionError: its library or weights cannot be had.
@@ -59,7 +57,7 @@ def make_detector(options: KeypointOptions) -> Detector:
         return orb(options.max_per_frame)
     from planfit.matching.learned import superpoint  # torch is loaded only where it is asked for
 
-    return superpoint(options.weights, options.device, options.max_per_frame)
+    return superpoint(options.weights, device, options.max_per_frame)
 
 
 def sift(max_per_frame: int, contrast_threshold: float) -> Detector:

@@ -96,7 +96,7 @@ def _load(part: str, name: str, kind: str, device: str) -> tuple[Any, Any, Any]:
             f"{weights.where}: expected weights of {kind}, found those of {found}; give a model of that kind"
         )
     model_class = getattr(weights.transformers, _CLASSES[kind])
-    model, device_found = load_model(weights, model_class, kind, f"matching.{part}.device", device)
+    model, device_found = load_model(weights, model_class, kind, "matching.device", device)
     return weights.torch, model, device_found
 
 

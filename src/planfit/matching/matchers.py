@@ -25,9 +25,6 @@ class MatcherOptions:
     weights: str = ""
     """Hub name or folder of a learned matcher's weights; empty takes ETH-CVG/lightglue_superpoint or
     magic-leap-community/superglue_indoor."""
-    device: str = "cpu"
-    """Where a learned matcher runs: `cpu`, `cuda`, `cuda:1` and so on; `auto` takes a GPU where there
-    is one."""
 
     def __post_init__(self) -> None:
         require_choice(self, "kind", "nearest", "lightglue", "superglue")
@@ -39,8 +36,8 @@ _WEIGHTS = {
 }
 
 
-def make_matcher(options: MatcherOptions) -> Matcher:
-    """The matcher that the options ask for.
+def make_matcher(options: MatcherOptions, device: str = "cpu") -> Matcher:
+    """The matcher that the options ask for; a learned one runs on the device.
 
     Raises:
         OptionError: its library or weights cannot be had.
@@ -48,7 +45,7 @@ def make_matcher(options: MatcherOptions) -> Matcher:
     if options.kind != "nearest":
         from planfit.matching.learned import glue  # torch is loaded only where it is asked for
 
-        return glue(options.kind, options.weights or _WEIGHTS[options.kind], options.device)
+        return glue(options.kind, options.weights or _WEIGHTS[options.kind], device)
 
     def match(a: Keypoints, b: Keypoints, _: object, __: object) -> Int[np.ndarray, "m 2"]:
         return match_descriptors(a.descriptors, b.descriptors)

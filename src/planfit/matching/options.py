@@ -24,8 +24,9 @@ class MatchingOptions:
     colmap: str = ""
     """Path of a COLMAP database, or of the folder of a sparse model, whose matches take the place of our
     own keypoints and pairs. They are verified all the same."""
-    seed: int = 0
-    """Seed of the random choices."""
+    device: str = "cpu"
+    """Where learned keypoints and matchers run: `cpu`, `cuda`, `cuda:1` and so on; `auto` takes a GPU where
+    there is one."""
 
     def __post_init__(self) -> None:
         require(

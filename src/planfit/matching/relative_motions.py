@@ -11,7 +11,7 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import MIN_INLIERS, match_sigma, verify
-from planfit.runtime import Arrays, Runtime, cache_key, map_rows
+from planfit.runtime import SEED, Arrays, Runtime, cache_key, map_rows
 from planfit.scan import Scan
 
 
@@ -194,8 +194,8 @@ def verify_pairs(
     stage: str,
 ) -> VerifiedPairs:
     """Those of the pairs that hold together, in their order. Poses have no say in it."""
-    key = cache_key(seen.key, stage, "float32", options.matcher, options.seed, pairs.tobytes())
-    compute = partial(_verify_pair, scan, seen, pairs, options)
+    key = cache_key(seen.key, stage, "float32", options.matcher, options.device, pairs.tobytes())
+    compute = partial(_verify_pair, scan, seen, pairs)
     items = runtime.map(stage, key, len(pairs), compute, chunk_size=64)
     sizes = np.array([len(item["points_a"]) for item in items], dtype=int)
     some = np.flatnonzero(sizes)
@@ -211,7 +211,6 @@ def _verify_pair(
     scan: Scan,
     seen: ScanKeypoints,
     pairs: np.ndarray,
-    options: MatchingOptions,
     k: int,
 ) -> Arrays:
     """Verified matches of one pair; none where the pair does not hold together."""
@@ -232,7 +231,7 @@ def _verify_pair(
         scan.cameras[i],
         scan.cameras[j],
         # By seed and pair: the result depends neither on the order of pairs nor on the number of threads.
-        np.random.default_rng([options.seed, i, j]),
+        np.random.default_rng([SEED, i, j]),
     )
     if motion is None:
         return none

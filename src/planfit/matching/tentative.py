@@ -26,7 +26,7 @@ from planfit.matching.pairs import FrameDescriptors, choose_pairs, distinct_view
 from planfit.matching.retrieval import describe_frames
 from planfit.matching.types import Detector, KeptKeypoints, Matcher, RelativePoses
 from planfit.matching.view_grids import ViewGrids, depth_grid, gather_grids, grey_grid
-from planfit.runtime import Arrays, Runtime, StoredItem, blas_on_one_thread, cache_key
+from planfit.runtime import SEED, Arrays, Runtime, StoredItem, blas_on_one_thread, cache_key
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
@@ -92,7 +92,7 @@ def choose_tentative(
     """Pairs of frames to try: by recorded poses and by what the frames show, or those of COLMAP."""
     if seen.imported_pairs is not None:
         return TentativePairs(seen.imported_pairs, None)
-    descriptors = describe_views(scan.cameras, seen.keypoints, np.random.default_rng(options.seed))
+    descriptors = describe_views(scan.cameras, seen.keypoints, np.random.default_rng(SEED))
     pairs = choose_pairs(scan.world_from_cams, odometry, options.pairs, descriptors)
 
     def propose(accepted: RelativePoses) -> Int[np.ndarray, "q 2"]:
@@ -110,8 +110,9 @@ def choose_tentative(
 
 
 def _from_images(scan: Scan, options: MatchingOptions, runtime: Runtime) -> ScanKeypoints:
-    detector, matcher = make_detector(options.keypoints), make_matcher(options.matcher)
-    key = cache_key(scan.fingerprint, "keypoints and grids", options.keypoints)
+    detector = make_detector(options.keypoints, options.device)
+    matcher = make_matcher(options.matcher, options.device)
+    key = cache_key(scan.fingerprint, "keypoints and grids", options.keypoints, options.device)
     compute = partial(_detect_frame, scan, options.keypoints, detector)
     items = runtime.map_stored("keypoints", key, len(scan), compute, _STORED, chunk_size=16)
     keypoints = [_keypoints(item) for item in items]
@@ -138,7 +139,7 @@ def find_more_keypoints(
     order = np.argsort(np.concatenate([known_idx, new_idx]))
     both = seen.keypoints + new.keypoints
     keypoints = [both[k] for k in order]
-    of_pair = _pair_matcher(scan.cameras, keypoints, make_matcher(options.matcher))
+    of_pair = _pair_matcher(scan.cameras, keypoints, make_matcher(options.matcher, options.device))
     grids = seen.grids.joined(new.grids)[order]
     key = cache_key(scan.fingerprint, "more keypoints", seen.key, new.key)
     return ScanKeypoints(keypoints, grids, of_pair, None, key)
@@ -158,7 +159,7 @@ def join_keypoints(
     grids = seen[0].grids
     for scan in seen[1:]:
         grids = grids.joined(scan.grids)
-    of_pair = _pair_matcher(cameras, keypoints, make_matcher(options.matcher))
+    of_pair = _pair_matcher(cameras, keypoints, make_matcher(options.matcher, options.device))
     keys = [scan.key for scan in seen]
     key = cache_key(keys[0], "joined keypoints", *keys[1:]) if all(keys) else ""
     return ScanKeypoints(keypoints, grids, of_pair, None, key)

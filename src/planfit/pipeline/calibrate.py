@@ -17,7 +17,7 @@ from planfit.adjust.calibration import (
     PLAN,
     SHARED,
     Calibration,
-    CalibrationOptions,
+    CalibrationPriors,
     corrected_matches,
     corrected_structure,
     estimate,
@@ -57,13 +57,13 @@ class CalibratedScan:
     calibration: Calibration = NOT_CALIBRATED
 
 
-def with_priors_of(options: RefineOptions, observations: Observations) -> RefineOptions:
-    """Options whose priors hold of these poses: what has a unit of its own tells nothing of the metre."""
-    tracking = observations.tracking
+def with_priors_of_poses(observations: Observations) -> Observations:
+    """Their priors as their poses are: what has a unit of its own tells nothing of the metre."""
+    tracking, priors = observations.tracking, observations.priors
     if tracking is None or tracking.metres_per_unit == 1.0:
-        return options
-    sigma = max(options.calibration.odometry_scale_sigma, UNKNOWN_SCALE_SIGMA)
-    return replace(options, calibration=replace(options.calibration, odometry_scale_sigma=sigma))
+        return observations
+    sigma = max(priors.odometry_scale_sigma, UNKNOWN_SCALE_SIGMA)
+    return replace(observations, priors=replace(priors, odometry_scale_sigma=sigma))
 
 
 def corrected(observations: Observations, sensor: SensorCalibration) -> Observations:
@@ -91,11 +91,11 @@ def calibrate_alone(
     Gross errors (5 % of depth, a wrong focal length) have to be mended before they mislead the alignment.
     """
     observations, prepared = settle_floors(scan, observations, options, timer)
-    if options.adjust.geometric != "points":
+    if not _is_possible(options):
         return CalibratedScan(observations, observations, prepared)
     measured, poses = prepared.measurements, prepared.level_from_keys
     with timer.stage("calibrate"):
-        found = estimate_without_plan(measured, poses, options.adjust, options.calibration)
+        found = estimate_without_plan(measured, poses, options.adjust, observations.priors)
     if found.sensor.is_nominal:
         return CalibratedScan(observations, observations, prepared, found)
     seen = corrected(observations, found.sensor)
@@ -115,10 +115,10 @@ def calibrate_on_plan(
     Not of several storeys: each plan has a scale of its own there.
     """
     plan, correspondences = on_plan.floorplan, adjustment.correspondences
-    is_possible = options.adjust.geometric == "points" and on_plan.storeys is None
+    is_possible = _is_possible(options) and on_plan.storeys is None
     if plan is None or correspondences is None or not is_possible:
         return calibrated
-    if plan_vouches_for_depth(on_plan, calibrated.calibration, options.calibration):
+    if plan_vouches_for_depth(on_plan, calibrated.calibration, calibrated.observations.priors):
         nominal = _with_nominal_depth(calibrated.calibration)
         return _recalibrated(scan, calibrated, nominal, options, timer)
     measured = prepare_nominal(scan, calibrated, options)
@@ -132,15 +132,22 @@ def calibrate_on_plan(
     with timer.stage("calibrate"):
         problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
         sensor = calibrated.calibration.sensor
-        priors, departure = plan_prior(on_plan, calibrated.calibration, options.calibration)
+        priors, departure = plan_prior(
+            on_plan, calibrated.calibration, calibrated.observations.priors
+        )
         found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
     return _recalibrated(scan, calibrated, found, options, timer)
 
 
+def _is_possible(options: RefineOptions) -> bool:
+    """Whether the sensor is asked for, and matches are points that it lifted."""
+    return options.calibration.is_on and options.adjust.geometric == "points"
+
+
 def plan_vouches_for_depth(
-    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
+    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationPriors
 ) -> bool:
     """Whether depth as measured and the plan as drawn have one metre, and recorded motion alone another.
 
@@ -200,8 +207,8 @@ def _recalibrated(
 
 
 def plan_prior(
-    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationOptions
-) -> tuple[CalibrationOptions, float]:
+    on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationPriors
+) -> tuple[CalibrationPriors, float]:
     """Priors of the plan, and how far the plan as it is used departs in scale from them, as a share.
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
@@ -236,16 +243,16 @@ def shared_error(
     problem: AdjustmentProblem,
     on_plan: ScanOnPlan,
     calibration: Calibration,
-    priors: CalibrationOptions,
+    priors: CalibrationPriors,
 ) -> SharedError | None:
     """What is not known of sensor, odometry and plan where an adjustment ended, and how poses follow it.
 
     Poses are told on the plan: where its scale was found, an error of that stretches plan and poses alike
-    and is none. None where nothing was looked for: points are no matches, or each storey has a plan of its
+    and is none. None where nothing is looked for: points are no matches, or each storey has a plan of its
     own.
     """
     is_possible = problem.options.geometric == "points" and on_plan.storeys is None
-    if not priors.is_on or not is_possible:
+    if not is_possible:
         return None
     priors, plan_departure = plan_prior(on_plan, calibration, priors)
     departures = np.where(calibration.is_kept, calibration.departures, 0.0)

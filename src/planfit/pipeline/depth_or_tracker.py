@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust import Measurements, build_problem
-from planfit.adjust.calibration import estimate_without_plan
+from planfit.adjust.calibration import PRIORS, estimate_without_plan
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.geometry.camera import Camera
@@ -63,7 +63,7 @@ def sensor_by_neighbours(
         world_from_keys: as recorded.
         odometry: steps between them.
         cameras: of the keyframes.
-        options: of the adjustment and of what is asked of evidence.
+        options: of the adjustment.
     """
     if options.adjust.geometric != "points" or len(verified) == 0:
         return NOMINAL
@@ -71,7 +71,7 @@ def sensor_by_neighbours(
     measured = Measurements(matches, no_structure(len(world_from_keys)), odometry, cameras)
 
     solved = build_problem(measured, options.adjust, world_from_keys).solve().target_from_cams
-    return estimate_without_plan(measured, solved, options.adjust, options.calibration).sensor
+    return estimate_without_plan(measured, solved, options.adjust, PRIORS).sensor
 
 
 def corrected_pairs(verified: VerifiedPairs, sensor: SensorCalibration) -> VerifiedPairs:

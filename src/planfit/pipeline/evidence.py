@@ -22,7 +22,7 @@ from planfit.adjust import (
     moved_wall_findings,
 )
 from planfit.adjust.association import PlanCorrespondences, associate
-from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationOptions
+from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationPriors
 from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
@@ -198,7 +198,7 @@ def gather_evidence(
     rng: np.random.Generator,
     extra_terms: Sequence[Term] = (),
     calibration: Calibration = NOT_CALIBRATED,
-    priors: CalibrationOptions | None = None,
+    priors: CalibrationPriors | None = None,
 ) -> Evidence:
     """Solve without each fold, and measure what was kept out.
 

@@ -23,6 +23,7 @@ def with_fitted_thickness(
     prepared: PreparedScan,
     adjustment: PlanAdjustment,
     options: RefineOptions,
+    odometry_scale_sigma: float,
     extra_terms: Sequence[Term] = (),
 ) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
     """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
@@ -31,7 +32,8 @@ def with_fitted_thickness(
         on_plan: with one thickness for all walls.
         prepared: the scan.
         adjustment: to that plan.
-        options: of the adjustment, and prior sigmas.
+        options: of the adjustment.
+        odometry_scale_sigma: how far recorded steps may be off, as a share.
         extra_terms: of the adjustment.
     """
     plan, found = on_plan.floorplan, on_plan.alignment
@@ -41,7 +43,7 @@ def with_fitted_thickness(
         fit_thickness,
         prepared.measurements,
         options=options.adjust,
-        odometry_scale_sigma=options.calibration.odometry_scale_sigma,
+        odometry_scale_sigma=odometry_scale_sigma,
         extra_terms=extra_terms,
     )
     is_found = found is not None and found.scale_sigma > 0  # the scale was searched, or found off

@@ -19,6 +19,8 @@ STRETCH_M = 6.0
 """Path length of a stretch: a room, or a piece of a corridor, which the walls beside it hold as one."""
 MIN_FRAMES = 6
 """Frames of a stretch at least."""
+N_FOLDS = 5
+"""Solves that each do without one part in so many of the visits and of the walls, which then judge it."""
 NOT_KEPT_OUT = -1
 
 

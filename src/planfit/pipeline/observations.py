@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.calibration import PRIORS, CalibrationPriors
 from planfit.adjust.terms.control import ControlMarks, no_control_marks
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import require_plain_numbers
@@ -79,6 +80,8 @@ class Observations:
     """Surveyed control points, in whichever frames show them."""
     by_hand: HandSeen | None = None
     """What a person corrected of it, and what the images say of that."""
+    priors: CalibrationPriors = PRIORS
+    """How far the sensor, recorded steps and a plan may be off."""
 
     __repr__ = short_repr
 

@@ -88,7 +88,7 @@ def _by_residuals(
     problem: AdjustmentProblem, folds: Folds, rng: np.random.Generator, shared: SharedError | None
 ) -> Float[np.ndarray, "k 6 6"] | None:
     """What the residuals leave open; None where there is none to go by, or frames that nothing holds."""
-    if problem.options.averaging == "mean" or problem.odometry is None:
+    if problem.options.cost == "paper" or problem.odometry is None:
         return None
     n = problem.n_cams
     most = MAX_COVARIANCES if problem.gauge is None else MAX_ALIGNED_COVARIANCES

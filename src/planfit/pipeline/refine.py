@@ -7,7 +7,7 @@ from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
-from planfit.pipeline.calibrate import with_priors_of
+from planfit.pipeline.calibrate import with_priors_of_poses
 from planfit.pipeline.corrected import (
     judge_by_hand,
     observe_by_hand,
@@ -102,7 +102,7 @@ def refine_given(given: Given) -> RefineResult:
         seen = replace(seen, control=surveyed.control)
     seen = observe_by_hand(seen, given)
     # Alignment of the whole, then each pose (paper, Sec. III-A, III-D and III-E); the sensor in between.
-    given = replace(given, options=with_priors_of(given.options, seen))
+    seen = with_priors_of_poses(seen)
     solved = solve(given, seen, timer, surveyed)
     # Is it better, by solves that did without a part of the evidence?
     with timer.stage("validate"):
@@ -114,6 +114,7 @@ def refine_given(given: Given) -> RefineResult:
             given.options,
             given.extra_terms,
             solved.calibrated.calibration,
+            seen.priors,
         )
     made_of = MadeOf(asked.scan, asked.floorplan, asked.options)
     result = replace(make_result(given, solved, validation, timer), made_of=made_of)
@@ -133,5 +134,5 @@ def calibrate(
     given = Given(scan, floorplan, options or RefineOptions(), runtime or Runtime())
     timer = StageTimer(given.runtime)
     seen = extract_observations(scan, given.options, given.runtime, timer=timer)
-    given = replace(given, options=with_priors_of(given.options, seen))
+    seen = with_priors_of_poses(seen)
     return solve(given, seen, timer).calibrated.calibration

@@ -11,6 +11,11 @@ from planfit.findings import Finding, ResultKind
 from planfit.pipeline.evidence import CONTRADICTED_M, Evidence, Stretch
 from planfit.pipeline.verdict_options import VerdictOptions
 
+MAX_STRETCH_ERROR_M = 0.27
+"""Predicted error of a stretch of the walk beyond which its frames are named."""
+ALONE_FACTOR = 1.5
+"""Predicted errors may be this many times as large where nothing fixed holds the whole (no plan): errors grow
+along the walk there, and the result is judged by whether the scan agrees with itself."""
 WITNESSED_SHARE = 0.25
 """A stretch is confirmed by the plan where at least this share of its wall patches lies on it."""
 UNEXPLAINED_SHARE = 0.2
@@ -44,7 +49,7 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Findin
         *_of_broken_path(evidence),
         *_of_other_scale(evidence),
         *_of_rivals(evidence, options),
-        *_of_unsure_stretches(evidence, options),
+        *_of_unsure_stretches(evidence),
         *_of_unexplained_stretches(evidence),
         *_of_walls_alone(evidence),
         *_of_contradicted_visits(evidence),
@@ -111,10 +116,11 @@ def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Finding]:
     ]
 
 
-def _of_unsure_stretches(evidence: Evidence, options: VerdictOptions) -> list[Finding]:
+def _of_unsure_stretches(evidence: Evidence) -> list[Finding]:
     """Runs of stretches whose predicted error is large."""
     found = []
-    for run in _runs([s.predicted_m > options.max_stretch_error_m for s in evidence.stretches]):
+    most_m = MAX_STRETCH_ERROR_M * (ALONE_FACTOR if evidence.is_alone else 1.0)
+    for run in _runs([s.predicted_m > most_m for s in evidence.stretches]):
         stretches = [evidence.stretches[k] for k in run]
         frames = stretches[0].frames[0], stretches[-1].frames[1]
         worst = max(stretches, key=lambda s: s.predicted_m)

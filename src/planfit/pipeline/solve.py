@@ -16,7 +16,7 @@ from planfit.pipeline.calibrate import (
 )
 from planfit.pipeline.contradicted import with_places
 from planfit.pipeline.fitted_thickness import with_fitted_thickness
-from planfit.pipeline.folds import cut_into_stretches
+from planfit.pipeline.folds import N_FOLDS, cut_into_stretches
 from planfit.pipeline.given import Given
 from planfit.pipeline.jumps import align_with_jumps
 from planfit.pipeline.observations import Observations
@@ -93,7 +93,10 @@ def _adjusted(
         measured, plan = prepared.measurements, on_plan.floorplan
         adjustment = adjust_to_plan(measured, plan, start, options.adjust, terms)
         if plan is not None and plan.before_line is not None:
-            on_plan, poses = with_fitted_thickness(on_plan, prepared, adjustment, options, terms)
+            odometry_scale_sigma = calibrated.observations.priors.odometry_scale_sigma
+            on_plan, poses = with_fitted_thickness(
+                on_plan, prepared, adjustment, options, odometry_scale_sigma, terms
+            )
             adjustment = adjust_to_plan(measured, on_plan.floorplan, poses, options.adjust, terms)
     return Solved(calibrated, on_plan, adjustment, surveyed)
 
@@ -103,7 +106,7 @@ def _with_walls_settled(given: Given, solved: Solved, timer: StageTimer) -> Solv
     options, prepared = given.options, solved.prepared
     with timer.stage("adjust"):
         recorded = prepared.level_from_cams[prepared.keyframes.frame_idx]
-        stretch = cut_into_stretches(recorded, options.verdict.folds)
+        stretch = cut_into_stretches(recorded, N_FOLDS)
         adjustment = settle_walls(
             prepared.measurements,
             solved.on_plan.floorplan,

@@ -232,7 +232,7 @@ def _straightened(
     assert control is not None
     seen = se3.transform_each(poses[marks.pose_idx], marks.points_cam)
     off = np.linalg.norm(np.nan_to_num(seen - level[marks.point_idx]), axis=1) / marks.sigma_m
-    width = max(float(off.max()) / options.adjust.control.loss.scale, 1.0)
+    width = max(float(off.max()) / options.adjust.model("control").loss.scale, 1.0)
     n_stages = 1 + int(np.ceil(np.log(width) / np.log(NARROWING)))
     others = [term for term in problem.terms if term is not control]
     for factor in np.geomspace(width, 1.0, n_stages) if n_stages > 1 else [1.0]:

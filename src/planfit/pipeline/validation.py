@@ -7,11 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust import PlanAdjustment, costs, follow_keyframes
-from planfit.adjust.calibration import NOT_CALIBRATED, Calibration
+from planfit.adjust.calibration import NOT_CALIBRATED, PRIORS, Calibration, CalibrationPriors
 from planfit.evaluation import NEAR_FACE_M, near_share
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.evidence import Evidence, gather_evidence
+from planfit.pipeline.folds import N_FOLDS
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
@@ -56,6 +57,7 @@ def validate(
     options: RefineOptions,
     extra_terms: Sequence[Term] = (),
     calibration: Calibration = NOT_CALIBRATED,
+    priors: CalibrationPriors = PRIORS,
 ) -> Validation:
     """Compare poses before and after, gather the evidence, and judge it.
 
@@ -67,6 +69,7 @@ def validate(
         options: those of the run.
         extra_terms: the user's own among them.
         calibration: what was found of the sensor; the scan's points are corrected by it.
+        priors: of what was not found.
     """
     measurements, keyframes = prepared.measurements, prepared.keyframes
     plan_from_keys = adjustment.solution.target_from_cams
@@ -78,11 +81,11 @@ def validate(
         adjustment,
         options.adjust,
         options.align,
-        options.verdict.folds,
+        N_FOLDS,
         np.random.default_rng(options.seed),
         extra_terms,
         calibration,
-        options.calibration,
+        priors if options.calibration.is_on else None,
     )
     checks = (visit_check(evidence), wall_check(structure, on_plan.floorplan, before, after))
     cost_before, cost_after = (

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from planfit.alignment import other_scale_finding
 from planfit.findings import Finding, ResultKind
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.reservations import reservations_of
+from planfit.pipeline.reservations import ALONE_FACTOR, reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import short_repr
 
@@ -28,9 +28,6 @@ mostly better in either than where it was recorded."""
 WORTH_SHARE_ALONE = 1.0
 """The same without a plan: no wrong place is to be feared there, and what least squares corrects is not
 correlated with what is left."""
-ALONE_FACTOR = 1.5
-"""Predicted errors may be this many times as large where nothing fixed holds the whole (no plan): errors grow
-along the walk there, and the result is judged by whether the scan agrees with itself."""
 MIN_VISITS_ALONE = 3
 """Without a plan, the solve without one of fewer visits has next to nothing that closes loops: that it puts
 what the visit saw where the tracker did says nothing of the result."""
@@ -118,11 +115,7 @@ class Verdict:
 def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
     """Weigh the evidence."""
     if evidence.is_alone:
-        options = replace(
-            options,
-            max_error_m=ALONE_FACTOR * options.max_error_m,
-            max_stretch_error_m=ALONE_FACTOR * options.max_stretch_error_m,
-        )
+        options = replace(options, max_error_m=ALONE_FACTOR * options.max_error_m)
     against = _against(evidence, options)
     reservations = reservations_of(evidence, options)
     doubt, scale = evidence.tracking_doubt, evidence.other_scale

@@ -26,6 +26,7 @@ from planfit.runtime.option_values import member_of as member_of
 from planfit.runtime.option_values import options_of as options_of
 from planfit.runtime.option_values import require_kinds as require_kinds
 from planfit.runtime.option_values import whole_number as whole_number
+from planfit.runtime.parallel import SEED as SEED
 from planfit.runtime.parallel import Runtime as Runtime
 from planfit.runtime.parallel import StageTimer as StageTimer
 from planfit.runtime.parallel import cache_key as cache_key

@@ -26,6 +26,8 @@ from planfit.runtime.threads import blas_on_one_thread
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
+SEED = 0
+"""Of random samples and trials, by frame or pair: a scan looked at again shows the same."""
 
 
 def cache_key(source: str, *parts: object) -> str:

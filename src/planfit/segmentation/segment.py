@@ -12,7 +12,7 @@ from jaxtyping import Float
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.runtime import Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
+from planfit.runtime import SEED, Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
 from planfit.segmentation.gravity import Gravity
@@ -46,8 +46,6 @@ class SegmentationOptions:
     """Floor points and wall points kept a frame, each."""
     learned: LearnedOptions = field(default_factory=LearnedOptions)
     """The learned back end."""
-    seed: int = 0
-    """Seed of the random choices."""
 
     def __post_init__(self) -> None:
         if self.back_end not in ("auto", "masks", "geometry", "learned"):
@@ -136,7 +134,7 @@ def _segment_frame(
     """Points and patches of frame i by name, camera frame, as the cache keeps them: points as float32, which
     is what depth is measured in."""
     # By seed and frame: the result depends neither on the order of frames nor on the number of threads.
-    rng = np.random.default_rng([options.seed, i])
+    rng = np.random.default_rng([SEED, i])
     depth = scan.files.depth(i)
     camera, upright_from_cam = scan.cameras[i], upright_from_cams[i]
     labels = back_end.labels(i, depth)

@@ -1,13 +1,16 @@
 """What departures say of the covariances that recorded steps and matched surfaces were given."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import sparse
 
 from builders import random_transforms
-from planfit.adjust.terms.odometry import OdometryTerm, OdometryTermOptions
-from planfit.adjust.terms.surfaces import SurfaceTerm, SurfaceTermOptions
+from planfit.adjust.terms.observation_models import ODOMETRY, SURFACES
+from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.uncertainty.error_model import _of_steps, _of_surfaces
 from planfit.adjust.uncertainty.spreads import MIN_MOTION_FACTOR, Probes, find_step_factors
 from planfit.geometry import se3
@@ -46,7 +49,7 @@ def found_factor(rng, true_over_stated: float, rank: int) -> float:
     unused = np.zeros((len(pairs), 6, 7))
     ones = np.ones(len(pairs))
     measured = SurfacePairs(pairs, se3.retract(exact, noise), seen, ones, unused, ones)
-    term = SurfaceTerm(measured, SurfaceTermOptions(loss=SQUARES))
+    term = SurfaceTerm(measured, replace(SURFACES, loss=SQUARES))
     best, factors = solved(term, poses)
     return _of_surfaces(term, best, Probes.make(factors, rng))
 
@@ -71,7 +74,7 @@ def test_no_departure_is_left_where_nothing_is_measured_twice(rng):
     exact = se3.inverse(poses[:-1]) @ poses[1:]
     ones, stated = np.ones(N - 1), np.tile(np.diag(1 / SIGMAS**2), (N - 1, 1, 1))
     measured = SurfacePairs(pairs, exact, stated, ones, np.zeros((N - 1, 6, 7)), ones)
-    term = SurfaceTerm(measured, SurfaceTermOptions(loss=SQUARES))
+    term = SurfaceTerm(measured, replace(SURFACES, loss=SQUARES))
     best, factors = solved(term, poses)
     factor = _of_surfaces(term, best, Probes.make(factors, rng))
     assert factor == pytest.approx(1.0, abs=0.1)
@@ -101,7 +104,7 @@ def test_what_is_up_does_not_depend_on_how_cameras_are_held(rng):
         odometry = Odometry(
             se3.inverse(camera) @ steps @ camera, *np.tile(SIGMAS[[0, 3], None], (1, N - 1))
         )
-        term = OdometryTerm(odometry, OdometryTermOptions(loss=SQUARES))
+        term = OdometryTerm(odometry, replace(ODOMETRY, loss=SQUARES))
         first = NormalBlocks(
             np.zeros(1, int), np.zeros(1, int), 1e4 * np.eye(6)[None], np.zeros((N, 6))
         )

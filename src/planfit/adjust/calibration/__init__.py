@@ -9,5 +9,7 @@ from planfit.adjust.calibration.estimate import NOT_CALIBRATED as NOT_CALIBRATED
 from planfit.adjust.calibration.estimate import Calibration as Calibration
 from planfit.adjust.calibration.estimate import estimate as estimate
 from planfit.adjust.calibration.estimate import estimate_without_plan as estimate_without_plan
-from planfit.adjust.calibration.options import CalibrationOptions as CalibrationOptions
+from planfit.adjust.calibration.priors import PRIORS as PRIORS
+from planfit.adjust.calibration.priors import CalibrationOptions as CalibrationOptions
+from planfit.adjust.calibration.priors import CalibrationPriors as CalibrationPriors
 from planfit.adjust.calibration.reduced import shared_step as shared_step

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 
 from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, PLAN, SHARED
 from planfit.adjust.calibration.correct import corrected_measurements
-from planfit.adjust.calibration.options import CalibrationOptions
+from planfit.adjust.calibration.priors import CalibrationPriors
 from planfit.adjust.calibration.reduced import SharedStep, shared_step
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
@@ -80,7 +80,7 @@ def estimate(
     problem: AdjustmentProblem,
     unknowns: Float[np.ndarray, "u 4 4"],
     solve: Solve,
-    options: CalibrationOptions,
+    priors: CalibrationPriors,
     start: SensorCalibration = NOMINAL,
     plan_departure: float = 0.0,
 ) -> Calibration:
@@ -94,12 +94,10 @@ def estimate(
         problem: built from the measurements as `start` corrects them.
         unknowns: where its solve ended.
         solve: solves again, with other corrections.
-        options: priors, and what is asked of evidence.
+        priors: and what is asked of evidence.
         start: what is corrected so far.
         plan_departure: of the plan in the problem from the one that the prior is about, as a share.
     """
-    if not options.is_on:
-        return NOT_CALIBRATED
     nominal = NOMINAL.vector
     departures = np.zeros(len(SHARED))
     departures[:ODOMETRY] = start.vector - nominal
@@ -107,18 +105,18 @@ def estimate(
     is_kept = departures != 0
     is_kept[list(NUISANCES)] = False
     rounds, was_far = 0, False
-    most = MAX_PRIOR_SIGMAS * options.sigmas
+    most = MAX_PRIOR_SIGMAS * priors.sigmas
     while True:
-        step = shared_step(problem, unknowns, departures, options.sigmas)
+        step = shared_step(problem, unknowns, departures, priors.sigmas)
         cost = sum(problem.costs(unknowns[: problem.n_cams]).values())
-        wanted = asked_for(departures + step.change, step, cost, options)
+        wanted = asked_for(departures + step.change, step, cost, priors)
         moved = np.abs(wanted.departures - departures)[wanted.is_kept]
         has_settled = np.all(moved <= SETTLED * wanted.sigmas[wanted.is_kept])
         is_same = np.array_equal(wanted.is_kept, is_kept)
         # One step from nominal may overshoot: of 0.01 z^2 where depth reaches 20 m, by a third. What is
         # still too far once as much as is plausible is corrected is no sensor's.
         is_too_far = bool(wanted.implausible) and was_far
-        if is_too_far or rounds == options.max_rounds or (is_same and has_settled):
+        if is_too_far or rounds == priors.max_rounds or (is_same and has_settled):
             break
         is_kept, rounds, was_far = wanted.is_kept, rounds + 1, bool(wanted.implausible)
         asked = np.clip(wanted.departures, -most, most)
@@ -137,7 +135,7 @@ def estimate_without_plan(
     measurements: Measurements,
     poses: Float[np.ndarray, "n 4 4"],
     adjust: AdjustOptions,
-    options: CalibrationOptions,
+    priors: CalibrationPriors,
 ) -> Calibration:
     """What matches, floor and recorded motion ask of the sensor; a plan has no say.
 
@@ -145,7 +143,7 @@ def estimate_without_plan(
         measurements: as lifted by the nominal sensor.
         poses: that solve them.
         adjust: of the solves.
-        options: priors, and what is asked of evidence.
+        priors: and what is asked of evidence.
     """
 
     def solve(
@@ -154,7 +152,7 @@ def estimate_without_plan(
         problem = build_problem(again, adjust, start)
         return problem, problem.solve().target_from_cams
 
-    held = replace(options, plan_scale_sigma=0.0, half_thickness_sigma_m=0.0)
+    held = replace(priors, plan_scale_sigma=0.0, half_thickness_sigma_m=0.0)
     problem = build_problem(measurements, adjust, poses)
     return estimate(measurements, problem, poses, solve, held)
 
@@ -163,7 +161,7 @@ def asked_for(
     departures: Float[np.ndarray, " s"],
     step: SharedStep,
     cost: float,
-    options: CalibrationOptions,
+    priors: CalibrationPriors,
 ) -> Calibration:
     """Which departures the evidence asks for: of all sets the one that lowers the cost most, less its price.
 
@@ -184,8 +182,8 @@ def asked_for(
     # Nuisances are marginalised by leaving them out of the covariance.
     information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])
     pull = information @ departures[idx]
-    price = np.full(n, max(0.5 * options.min_sigmas**2, MIN_GAIN_SHARE * cost))
-    price[0] = 0.5 * options.min_sigmas**2
+    price = np.full(n, max(0.5 * priors.min_sigmas**2, MIN_GAIN_SHARE * cost))
+    price[0] = 0.5 * priors.min_sigmas**2
 
     def solved(chosen: list[int]) -> tuple[np.ndarray, np.ndarray, float]:
         covariance = np.linalg.inv(information[np.ix_(chosen, chosen)])
@@ -208,6 +206,6 @@ def asked_for(
         gain = total if k in best else gain
     is_kept = np.zeros(n, dtype=bool)
     is_kept[idx[best]] = True
-    is_far = is_kept & (np.abs(found) > MAX_PRIOR_SIGMAS * options.sigmas)
+    is_far = is_kept & (np.abs(found) > MAX_PRIOR_SIGMAS * priors.sigmas)
     implausible = tuple(name for name, far in zip(SHARED, is_far, strict=True) if far)
     return Calibration(NOMINAL, is_kept, found, spread, gain, implausible)

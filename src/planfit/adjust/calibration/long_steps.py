@@ -41,7 +41,7 @@ def with_long_steps(
         recorded.between(frame_idx, walked[frame_idx]),
         sigma_rotation=np.full(len(frame_idx) - 1, np.inf),
     )
-    of_long = OdometryTerm(long, short.options, "odometry, long steps", frame_idx)
+    of_long = OdometryTerm(long, short.model, "odometry, long steps", frame_idx)
     return replace(
         problem, odometry=replace(short, odometry=loose), extra=(*problem.extra, of_long)
     )

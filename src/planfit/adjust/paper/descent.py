@@ -17,6 +17,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
 from planfit.adjust.terms.levels import level_planes
+from planfit.adjust.terms.observation_models import PAPER_ROUNDING_M
 from planfit.adjust.terms.walls import face_planes
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
@@ -27,7 +28,7 @@ from planfit.segmentation import Structure
 _SMALL_ANGLE_SQ = 1e-8
 _BLOCK = 16
 LATE_LEARNING_RATE = 1e-4
-"""Metres or radians a step for a slope of one, once `DescentOptions.drop_after_steps` are taken."""
+"""Metres or radians a step for a slope of one, once `DescentSchedule.drop_after_steps` are taken."""
 MOMENTUM = 0.9
 """Share of the last step that the next one keeps, from the code of the paper's authors."""
 
@@ -40,15 +41,10 @@ class PaperWeights:
     """Factor on the mean distance to the floor; 0 switches the term off."""
     lambda_walls: float = 0.5
     """Factor on the mean distance to the walls: 0.5 for phone scans, 0.6 for Redwood; 0: off."""
-    rounding_m: float = 1e-6
-    """Norms are rounded off below this: sqrt(d^2 + r^2) - r, which has a slope everywhere."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "rounding_m")
 
 
 @dataclass(frozen=True)
-class DescentOptions:
+class DescentSchedule:
     """The paper's schedule: so many steps at the first learning rate, then on at the late one until the loss
     no longer changes. Momentum and the longest run are from its authors' code."""
 
@@ -68,6 +64,9 @@ class DescentOptions:
 
     def __post_init__(self) -> None:
         require_positive(self, "learning_rate", "record_every_steps")
+
+
+PAPER_SCHEDULE = DescentSchedule()
 
 
 class DescentStop(Enum):
@@ -100,7 +99,7 @@ def descend(
     association: Association,
     initial_target_from_cams: Float[np.ndarray, "n 4 4"],
     weights: PaperWeights,
-    options: DescentOptions,
+    schedule: DescentSchedule = PAPER_SCHEDULE,
 ) -> Descent:
     """Minimise the paper's cost as the paper does, association kept.
 
@@ -111,25 +110,25 @@ def descend(
         association: the face of each wall patch.
         initial_target_from_cams: the target is the plan.
         weights: of the terms.
-        options: see there.
+        schedule: see there.
 
     Raises:
         OptionError: PyTorch is not installed.
     """
     torch = _torch()
-    watch, step = _Watch(options), 0
+    watch, step = _Watch(schedule), 0
     inputs = (matches, structure, floorplan, association)
-    cost = _PaperCost(torch, inputs, initial_target_from_cams, weights, options.dtype)
+    cost = _PaperCost(torch, inputs, initial_target_from_cams, weights, schedule.dtype)
     n = len(initial_target_from_cams)
     delta = torch.zeros((n, 6), dtype=cost.dtype, requires_grad=True)
-    optimiser = torch.optim.SGD([delta], lr=options.learning_rate, momentum=MOMENTUM)
+    optimiser = torch.optim.SGD([delta], lr=schedule.learning_rate, momentum=MOMENTUM)
     while True:
         optimiser.zero_grad()
         loss = cost.loss(delta)
         stop = watch.look(step, float(loss.detach()))
         if stop is not None:
             break
-        if step == options.drop_after_steps:
+        if step == schedule.drop_after_steps:
             optimiser.param_groups[0]["lr"] = LATE_LEARNING_RATE
         loss.backward()
         optimiser.step()
@@ -145,8 +144,8 @@ def descend(
 class _Watch:
     """Decides when a descent ends, and keeps a record of it."""
 
-    def __init__(self, options: DescentOptions) -> None:
-        self._options = options
+    def __init__(self, schedule: DescentSchedule) -> None:
+        self._schedule = schedule
         self._begin = time.perf_counter()
         self._checked = np.inf
         self.records: list[tuple[int, float, float]] = []
@@ -154,17 +153,21 @@ class _Watch:
 
     def look(self, step: int, value: float) -> DescentStop | None:
         """Why the descent ends at this step and loss, if it does."""
-        o, stop = self._options, None
+        schedule, stop = self._schedule, None
         if not np.isfinite(value):
             stop = DescentStop.DIVERGED
         else:
             # The first losses compared are those before and after the first step at the late rate.
-            if step >= o.drop_after_steps:
-                stop = DescentStop.TOLERANCE if abs(self._checked - value) < o.tolerance else None
+            if step >= schedule.drop_after_steps:
+                stop = (
+                    DescentStop.TOLERANCE
+                    if abs(self._checked - value) < schedule.tolerance
+                    else None
+                )
                 self._checked = value
-        if stop is None and step >= o.max_steps:
+        if stop is None and step >= schedule.max_steps:
             stop = DescentStop.LIMIT
-        if stop is not None or step % o.record_every_steps == 0:
+        if stop is not None or step % schedule.record_every_steps == 0:
             self.records.append((step, value, time.perf_counter() - self._begin))
         return stop
 
@@ -205,7 +208,6 @@ class _PaperCost:
         matches, structure, floorplan, association = inputs
         self._torch = torch
         self.dtype = getattr(torch, dtype)
-        self._rounding = weights.rounding_m
         self._rotation = self._real(initial_target_from_cams[:, :3, :3])
         self._translation = self._real(initial_target_from_cams[:, :3, 3])
         self._planes = [
@@ -251,7 +253,7 @@ class _PaperCost:
 
     def _norm(self, squared: Any) -> Any:
         """Rounded off near zero, where a plain root has no slope (NaN)."""
-        return (squared + self._rounding**2).sqrt() - self._rounding
+        return (squared + PAPER_ROUNDING_M**2).sqrt() - PAPER_ROUNDING_M
 
     def _on_planes(
         self,

@@ -8,26 +8,14 @@ offsets, no ceiling, no columns; faces are not told apart by the side they look 
 once, from one distance, and association and solving alternate.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from planfit.adjust.association import Association, AssociationOptions, PlanCorrespondences
 from planfit.adjust.measurements import Measurements
-from planfit.adjust.options import AdjustOptions
+from planfit.adjust.options import AdjustOptions, TermOptions
 from planfit.adjust.paper.descent import PaperWeights
 from planfit.adjust.problem import build_problem
-from planfit.adjust.terms.control import ControlOptions
-from planfit.adjust.terms.levels import LevelOptions
-from planfit.adjust.terms.odometry import OdometryTermOptions
-from planfit.adjust.terms.points import PointOptions
-from planfit.adjust.terms.rays import RayOptions
-from planfit.adjust.terms.reprojection import ReprojectionOptions
-from planfit.adjust.terms.surfaces import SurfaceTermOptions
-from planfit.adjust.terms.walls import WallOptions
 from planfit.floorplan import Floorplan
-from planfit.lsq.bounded import BoundedOptions
-from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.term import Term
 from planfit.matching import Matches
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -37,22 +25,16 @@ from planfit.segmentation import Structure
 def paper_options(weights: PaperWeights | None = None) -> AdjustOptions:
     """Options under which the costs of an adjustment's terms add up to the paper's L, in metres."""
     weights = weights or PaperWeights()
-    norm = Loss(LossKind.NORM, weights.rounding_m)
+    none = TermOptions(0.0)
     return AdjustOptions(
-        averaging="mean",
-        points=PointOptions(loss=norm),
-        # The paper gives these no weight of their own; pixels and metres count as one.
-        reprojection=ReprojectionOptions(loss=replace(norm, scale=1e-3), sigma_px=1.0),
-        rays=RayOptions(loss=norm),
-        floor=LevelOptions(weights.lambda_floor, sigma_m=1.0, loss=norm),
-        walls=WallOptions(weights.lambda_walls, sigma_m=1.0, loss=norm, offset_sigma_m=0.0),
-        ceiling=LevelOptions(weight=0.0),
-        columns=WallOptions(weight=0.0),
-        odometry=OdometryTermOptions(weight=0.0),
-        surfaces=SurfaceTermOptions(weight=0.0),
-        control=ControlOptions(weight=0.0),
-        # The cost is in metres: IBA's bound is 1.05 times the least mean distance, and nothing on top.
-        bounded=BoundedOptions(slack=weights.rounding_m),
+        cost="paper",
+        floor=TermOptions(weights.lambda_floor),
+        walls=TermOptions(weights.lambda_walls),
+        ceiling=none,
+        columns=none,
+        odometry=none,
+        surfaces=none,
+        control=none,
         association=AssociationOptions(oriented=False, mutual=True),
         loops_first=False,
         gnc_schedule=(1.0,),

@@ -5,32 +5,18 @@ as surveyed. A point that is seen in a hundred frames is one measurement of the 
 marks shares its errors, so all marks of a point count as a few (ADR 3, Effective observations).
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.lsq.residual_term import ResidualTerm
-from planfit.lsq.robust import Loss, LossKind
 from planfit.runtime import short_repr
 
 NAME = "control points"
-
-
-MAX_OBSERVATIONS = 5.0
-"""Effective observations that all marks of a point are worth at most."""
-
-
-@dataclass(frozen=True)
-class ControlOptions:
-    """Weight and loss of the control term."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 3.0))
-    """Robust loss of the distance in sigmas: a mark on the wrong corner, a point written wrongly."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +66,9 @@ def no_control_marks() -> ControlMarks:
     return ControlMarks(np.zeros((0, 3)), none, none, np.zeros(0))
 
 
-def control_term(marks: ControlMarks, options: ControlOptions) -> ResidualTerm | None:
+def control_term(marks: ControlMarks, model: ObservationModel) -> ResidualTerm | None:
     """The term; None without marks, targets or weight."""
-    if options.weight <= 0 or len(marks) == 0 or marks.targets is None:
+    if model.weight <= 0 or len(marks) == 0 or marks.targets is None:
         return None
     points, is_known = marks.points_cam, np.isfinite(marks.targets)
     targets = np.where(is_known, marks.targets, 0.0)
@@ -99,10 +85,10 @@ def control_term(marks: ControlMarks, options: ControlOptions) -> ResidualTerm |
     return ResidualTerm(
         marks.pose_idx[:, None],
         residual,
-        sigma=(marks.sigma_m * _shared(marks.point_idx, MAX_OBSERVATIONS))[:, None],
-        loss=options.loss,
+        sigma=(marks.sigma_m * _shared(marks.point_idx, model.max_observations))[:, None],
+        loss=model.loss,
         jacobian=jacobian,
-        weight=options.weight,
+        weight=model.weight,
         name=NAME,
     )
 

@@ -5,41 +5,20 @@ ceiling: the ceiling term is that of the method's successor for building models,
 ceiling, walls and columns alike.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.groups import PlaneGroups
-from planfit.errors import require_positive
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.lsq.moments import PlaneMoments
-from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import LevelPoints, Structure
 
 FLOOR_PLANE = np.array([0.0, 0.0, 1.0, 0.0])
 """z = 0 of the level and the plan frame."""
-
-
-@dataclass(frozen=True)
-class LevelOptions:
-    """Weight, sigma and loss of a term for level surfaces."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    sigma_m: float = 0.03
-    """Sigma of points about the plane: depth noise and an uneven surface."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the distance in sigmas."""
-    max_observations: float = 6.0
-    """Effective observations that a frame's points are worth at most."""
-    points_per_observation: float = 30.0
-    """Points that make one observation."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "sigma_m", "max_observations", "points_per_observation")
 
 
 @dataclass(frozen=True)
@@ -49,7 +28,7 @@ class LevelTerm:
     points: LevelPoints
     heights_m: Float[np.ndarray, " n"]
     """Height of the plane that each frame's points belong on, target frame; NaN: on none."""
-    options: LevelOptions
+    model: ObservationModel
     name: str
     device: str = "cpu"
     """Where the points are reweighted; "cuda" asks for PyTorch."""
@@ -62,16 +41,15 @@ class LevelTerm:
     def groups(self) -> PlaneGroups:
         """The points of each frame on its plane."""
         start = self.points.start
-        weighting = Weighting(self.options.max_observations, self.options.points_per_observation)
-        information = self.options.weight * weighting.weight_per_point(np.diff(start))
+        information = self.model.weight * self.model.weight_per_point(np.diff(start))
         return PlaneGroups(
             self.points.points_cam,
             start,
             np.arange(len(start) - 1),
             level_planes(self.heights_m),
             np.where(np.isfinite(self.heights_m), information, 0.0),
-            self.options.sigma_m,
-            self.options.loss,
+            self.model.sigma,
+            self.model.loss,
         )
 
     def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
@@ -81,9 +59,9 @@ class LevelTerm:
         )
 
 
-def floor_term(structure: Structure, options: LevelOptions, device: str = "cpu") -> LevelTerm:
+def floor_term(structure: Structure, model: ObservationModel, device: str = "cpu") -> LevelTerm:
     """The floor: z = 0, or the height of the storey that a frame stands on."""
-    return LevelTerm(structure.floor, structure.floor_heights_m, options, "floor", device)
+    return LevelTerm(structure.floor, structure.floor_heights_m, model, "floor", device)
 
 
 def level_planes(heights_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 4"]:

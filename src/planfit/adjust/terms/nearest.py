@@ -19,14 +19,13 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.nearest_kernels import (
     correspondence_cost,
     correspondence_weights,
     squared_distances,
     sum_correspondences,
 )
-from planfit.adjust.terms.walls import WallOptions
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import FaceGrid, make_face_grid
@@ -36,9 +35,12 @@ from planfit.segmentation import WallPatches
 
 
 @dataclass(frozen=True)
-class NearestPointOptions:
-    """What a wall point is held to, and from how far."""
+class NearestTerm:
+    """Sum over wall points of rho(distance to the nearest face's nearest point, or its line / sigma)."""
 
+    patches: WallPatches
+    floorplan: Floorplan
+    model: ObservationModel
     to: Literal["point", "line"] = "line"
     """`point`: nearest point; `line`: iterative nearest wall."""
     max_distance_m: float = 1.0
@@ -47,53 +49,36 @@ class NearestPointOptions:
     oriented: bool = True
     """Hold a point only to faces that look to the side it was seen from, where the plan knows that
     side. The paper does not ask; a point may then be held to the far face of a thick wall."""
+    name: str = "walls"
 
     def __post_init__(self) -> None:
         require_positive(self, "max_distance_m")
         if not np.isfinite(self.max_distance_m):
             raise OptionError(
-                f"NearestPointOptions.max_distance_m: expected a finite number, found {self.max_distance_m}"
+                f"NearestTerm.max_distance_m: expected a finite number, found {self.max_distance_m}"
             )
-        if self.to not in ("point", "line"):
-            raise OptionError(
-                f"NearestPointOptions.to: expected 'point' or 'line', found {self.to!r}"
-            )
-
-
-@dataclass(frozen=True)
-class NearestTerm:
-    """Sum over wall points of rho(distance to the nearest face's nearest point, or its line / sigma)."""
-
-    patches: WallPatches
-    floorplan: Floorplan
-    options: WallOptions
-    nearest: NearestPointOptions
-    name: str = "walls"
 
     @cached_property
     def grid(self) -> FaceGrid:
         """The faces, sorted for the search."""
-        return make_face_grid(self.floorplan, self.nearest.max_distance_m, self.nearest.oriented)
+        return make_face_grid(self.floorplan, self.max_distance_m, self.oriented)
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["NearestPointCorrespondences", float]:
         """Nearest faces and weights at plan_from_cams."""
-        o, patches = self.options, self.patches
+        model, patches = self.model, self.patches
         points, start = patches.points_cam, patches.start
         poses = target_from_cams[patches.frame_idx]
         patch_normals, _ = wall_patches_in_plan(patches, target_from_cams)
         face_idx, feet, gaps = self.grid.nearest(points, start, poses, patch_normals)
-        normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.nearest.to == "line"
-        squared = squared_distances(face_idx, gaps, normals, to_line, self.nearest.max_distance_m)
-        squared /= o.sigma_m**2
-        rho, weight = loss_value(squared, o.loss)
+        normals, to_line = np.ascontiguousarray(self.floorplan.normals), self.to == "line"
+        squared = squared_distances(face_idx, gaps, normals, to_line, self.max_distance_m)
+        squared /= model.sigma**2
+        rho, weight = loss_value(squared, model.loss)
         counts = np.diff(start)
-        information = Weighting(o.max_observations, o.points_per_observation).weight_per_point(
-            counts
-        )
-        information = o.weight * information
-        per_m2 = information / o.sigma_m**2
+        information = model.weight * model.weight_per_point(counts)
+        per_m2 = information / model.sigma**2
         matrices = correspondence_weights(face_idx, normals, to_line, start, per_m2, weight)
         cost = 0.5 * float(np.repeat(information, counts) @ rho)
         return NearestPointCorrespondences(patches, feet, matrices), cost

@@ -4,29 +4,16 @@ Not in the paper. Without it, a frame that has no match and sees no wall floats,
 matches deforms the path where nothing else holds it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.lsq.pose_terms import BetweenTerm
 from planfit.lsq.residual_term import WeightedResiduals
-from planfit.lsq.robust import Loss, LossKind
 from planfit.scan.odometry import Odometry
-
-
-@dataclass(frozen=True)
-class OdometryTermOptions:
-    """Weight and loss of the odometry term."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 5.0))
-    """Robust loss of a step's departure in sigmas (six numbers a step, so 2.4 is usual); trackers
-    jump now and then, and a jump must not be smeared over the path. Nor must a false revisit be: with
-    Cauchy's it tears a step, which is found, and the revisit dropped; with Huber's or squares it bends the
-    walk unseen (0.14 m instead of 0.03 on a walk of two laps with three false visits)."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +24,7 @@ class OdometryTerm:
     """
 
     odometry: Odometry
-    options: OdometryTermOptions
+    model: ObservationModel
     name: str = "odometry"
     frame_idx: Int[np.ndarray, " n"] | None = None
     """Of the poses given, those between which the recorded steps are; None: the first n."""
@@ -60,7 +47,7 @@ class OdometryTerm:
             pairs=np.stack([frames[:-1], frames[1:]], axis=1),
             first_from_second=recorded.cam_from_next,
             sigma=np.repeat(sigma, 3, axis=1),
-            loss=self.options.loss,
-            weight=self.options.weight,
+            loss=self.model.loss,
+            weight=self.model.weight,
             name=self.name,
         )

@@ -6,37 +6,17 @@ synthetic phone scan, but 0.047 instead of 0.022 on 7-Scenes' kitchen and 0.085 
 as real calibrations and clocks err by pixels.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.groups import PairGroups
-from planfit.errors import require_positive
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.lsq.moments import PairMoments
-from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.torch_moments import GroupedPoints
 from planfit.matching import Matches
-
-
-@dataclass(frozen=True)
-class PointOptions:
-    """Weight and loss of the 3D point error."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of |p - p'| in sigmas. With a scale of 1, ConSLAM errs by 0.098 m instead of 0.100, but a
-    plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst (benchmarks/robustness.py)."""
-    max_observations: float = 40.0
-    """Effective observations that a pair's matches are worth at most: they share depth calibration and
-    the interpolation of the depth image. With 20, an 80-frame synthetic scan errs by 0.020 m instead of
-    0.019 and a plan with 30 % of its walls moved by 0.09 m instead of 0.04 at worst; 80 changes little."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_observations")
 
 
 @dataclass(frozen=True)
@@ -44,7 +24,7 @@ class PointTerm:
     """Sum over matches of rho(|T_i p - T_j p'| / sigma)."""
 
     matches: Matches
-    options: PointOptions
+    model: ObservationModel
     name: str = "points"
     device: str = "cpu"
     """Where the matches are reweighted; "cuda" asks for PyTorch."""
@@ -58,18 +38,17 @@ class PointTerm:
 
     def with_wider_loss(self, factor: float) -> "PointTerm":
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
-        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
+        return replace(self, model=self.model.widened(factor))
 
     @property
     def groups(self) -> PairGroups:
         """The matches of each pair."""
         m = self.matches
-        weighting = Weighting(self.options.max_observations)
-        information = self.options.weight * weighting.weight_per_point(np.diff(m.start))
+        information = self.model.weight * self.model.weight_per_point(np.diff(m.start))
         if self.is_kept is not None:
             information = np.where(self.is_kept, information, 0.0)
         ends = (m.points_a, m.points_b, m.sigma)
-        return PairGroups(*ends, m.start, m.pairs, information, self.options.loss)
+        return PairGroups(*ends, m.start, m.pairs, information, self.model.loss)
 
     def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""

@@ -17,37 +17,21 @@ odometry term or pose priors must hold it, the more so where there are wrong mat
 least where the centres meet, and with a tenth of them wrong, rows of free cameras collapsed.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
-from planfit.errors import require_positive
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
-from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.robust import loss_value
 from planfit.matching import Matches
 
 PARALLEL_DEG = 0.3
 """Angle between rays at which half the squared distance counts; well above it all, below it
 nothing: directions are known to about a pixel, 0.1 deg."""
-
-
-@dataclass(frozen=True)
-class RayOptions:
-    """Weight and loss of the ray distance."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the distance in sigmas, those of the lifted match (`Matches.sigma`)."""
-    max_observations: float = 20.0
-    """Effective observations that a pair's matches are worth at most."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "max_observations")
 
 
 @dataclass(frozen=True)
@@ -92,7 +76,7 @@ class RayTerm:
     """Sum over matches of rho(faded distance of the two rays / sigma)."""
 
     matches: Matches
-    options: RayOptions
+    model: ObservationModel
     name: str = "rays"
 
     @cached_property
@@ -105,17 +89,17 @@ class RayTerm:
 
     def with_wider_loss(self, factor: float) -> "RayTerm":
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
-        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
+        return replace(self, model=self.model.widened(factor))
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["RayQuadratic", float]:
         """Weights of the matches at poses."""
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
-        rho, weight = loss_value(distance**2 / sigma_sq, self.options.loss)
+        rho, weight = loss_value(distance**2 / sigma_sq, self.model.loss)
         counts = np.diff(self.matches.start)
-        observations = Weighting(self.options.max_observations).weight_per_point(counts)
-        information = np.repeat(self.options.weight * observations, counts)
+        observations = self.model.weight_per_point(counts)
+        information = np.repeat(self.model.weight * observations, counts)
         quadratic = RayQuadratic(self.ray_pairs, information * weight / sigma_sq)
         return quadratic, 0.5 * float(information @ rho)
 

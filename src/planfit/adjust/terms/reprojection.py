@@ -5,41 +5,23 @@ itself is not stored: a match was lifted along its own pixel's ray, so projectin
 gives that pixel back exactly, and the principal point drops out of the difference.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.adjust.terms.effective_observations import Weighting
 from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
-from planfit.errors import require_positive
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.geometry.camera import Camera
 from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
-from planfit.lsq.robust import Loss, LossKind, loss_value
+from planfit.lsq.robust import loss_value
 from planfit.matching import Matches
 
 MIN_DEPTH_M = 0.1
 """A point nearer to the other image's plane, or behind it, has no weight until weights are renewed:
 its projection is meaningless. It costs as much as one that is off by the image's diagonal, so that
 nothing is gained by turning away."""
-
-
-@dataclass(frozen=True)
-class ReprojectionOptions:
-    """Weight, sigma and loss of the reprojection error."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    sigma_px: float = 2.0
-    """Sigma of a reprojected keypoint, each axis: detection, and depth seen from the side."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 2.0))
-    """Robust loss of the error in sigmas, of each way on its own."""
-    max_observations: float = 20.0
-    """Effective observations that a pair's matches are worth at most; the two ways share one."""
-
-    def __post_init__(self) -> None:
-        require_positive(self, "sigma_px", "max_observations")
 
 
 @dataclass(frozen=True)
@@ -97,7 +79,7 @@ class ReprojectionTerm:
     matches: Matches
     cameras: tuple[Camera, ...]
     """Camera of each frame, the one that its matches were lifted with."""
-    options: ReprojectionOptions
+    model: ObservationModel
     name: str = "reprojection"
 
     @cached_property
@@ -120,20 +102,22 @@ class ReprojectionTerm:
 
     def with_wider_loss(self, factor: float) -> "ReprojectionTerm":
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
-        return replace(self, options=replace(self.options, loss=self.options.loss.widened(factor)))
+        return replace(self, model=self.model.widened(factor))
 
     def reweight(
         self, target_from_cams: Float[np.ndarray, "n 4 4"]
     ) -> tuple["ReprojectionQuadratic", float]:
         """Weights of the reprojected matches at poses; those behind the camera have none."""
-        o, reprojected = self.options, self.reprojected
+        model, reprojected = self.model, self.reprojected
         squared, is_on = reprojected.squared(target_from_cams)
         counts = np.diff(reprojected.start)
         squared = np.where(is_on, squared, np.repeat(reprojected.diagonals**2, counts))
-        rho, weight = loss_value(squared / o.sigma_px**2, o.loss)
-        observations = Weighting(o.max_observations).weight_per_point(counts)
-        information = np.repeat(0.5 * o.weight * observations, counts)
-        quadratic = ReprojectionQuadratic(reprojected, information * weight * is_on / o.sigma_px**2)
+        rho, weight = loss_value(squared / model.sigma**2, model.loss)
+        observations = model.weight_per_point(counts)
+        information = np.repeat(0.5 * model.weight * observations, counts)
+        quadratic = ReprojectionQuadratic(
+            reprojected, information * weight * is_on / model.sigma**2
+        )
         return quadratic, 0.5 * float(information @ rho)
 
 

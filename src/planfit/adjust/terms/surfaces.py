@@ -4,28 +4,17 @@ Not in the paper. A pair's information matrix is of a rank below 6 where its sur
 along these it holds nothing (docs/adr/0018-matches-by-geometry.md).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.adjust.terms.observation_models import SURFACES, ObservationModel
 from planfit.geometry.calibration import PARAMETERS
 from planfit.lsq.pose_terms import BetweenTerm
 from planfit.lsq.residual_term import WeightedResiduals
-from planfit.lsq.robust import Loss, LossKind
 from planfit.matching import SurfacePairs
-
-
-@dataclass(frozen=True)
-class SurfaceTermOptions:
-    """Weight and loss of the surfaces term."""
-
-    weight: float = 1.0
-    """Factor on the term; 0 switches it off."""
-    loss: Loss = field(default_factory=lambda: Loss(LossKind.CAUCHY, 3.0))
-    """Robust loss of a pair's departure in sigmas (six numbers a pair, so 2.4 is usual): a pair is right or
-    false as a whole."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +22,7 @@ class SurfaceTerm:
     """Sum over pairs of rho(|departure of the relative pose from the measured one| in sigmas)."""
 
     measured: SurfacePairs
-    options: SurfaceTermOptions = field(default_factory=SurfaceTermOptions)
+    model: ObservationModel = SURFACES
     name: str = "surfaces"
 
     @property
@@ -54,8 +43,8 @@ class SurfaceTerm:
             pairs=self.measured.pairs,
             first_from_second=self.measured.a_from_b,
             information=of_departures(self.measured),
-            loss=self.options.loss,
-            weight=self.options.weight,
+            loss=self.model.loss,
+            weight=self.model.weight,
             name=self.name,
         )
 

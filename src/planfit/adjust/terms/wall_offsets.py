@@ -13,7 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.association import Association
-from planfit.adjust.terms.walls import WallOptions, WallTerm
+from planfit.adjust.terms.observation_models import ObservationModel
+from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose
@@ -35,7 +36,7 @@ class OffsetWallTerm:
     patches: WallPatches
     floorplan: Floorplan
     association: Association
-    options: WallOptions
+    model: ObservationModel
     n_cams: int
     """Poses before the faces' own among the unknowns."""
     name: str = "walls"
@@ -45,7 +46,7 @@ class OffsetWallTerm:
         translations = unknowns[self.n_cams :, :3, 3]
         offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, translations[:, :2])
         return WallTerm(
-            self.patches, self.floorplan, self.association, self.options, offsets_m=offsets_m
+            self.patches, self.floorplan, self.association, self.model, offsets_m=offsets_m
         )
 
     def reweight(self, unknowns: Float[np.ndarray, "u 4 4"]) -> tuple["OffsetPlaneMoments", float]:

@@ -172,5 +172,5 @@ def _of_surfaces(term: SurfaceTerm, unknowns: Float[np.ndarray, "u 4 4"], probes
     jacobian = sparse_rows(by_ends, term.pairs, len(unknowns))
     residuals = rows.residuals(unknowns)
     in_sigmas = np.einsum("ki,kij,kj->k", residuals, information, residuals)
-    weights = term.options.weight * loss_value(in_sigmas, term.options.loss)[1]
+    weights = term.model.weight * loss_value(in_sigmas, term.model.loss)[1]
     return find_motion_factor(residuals, information, weights, jacobian, probes)

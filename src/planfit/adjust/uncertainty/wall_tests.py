@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.moved_walls import is_one_wall
+from planfit.adjust.moved_walls import MOVED_SIGMA_M, is_one_wall
 from planfit.adjust.uncertainty.bundles import Bundles
 from planfit.adjust.uncertainty.error_model import DRAWN_SIGMA_M, ErrorModel
 from planfit.adjust.uncertainty.spreads import Clusters, shared_variance
@@ -55,15 +55,12 @@ class _WallEquations:
     shared_m: float
 
 
-def run_wall_tests(
-    model: ErrorModel, floorplan: Floorplan, moved_sigma_m: float
-) -> tuple[WallTest, ...]:
+def run_wall_tests(model: ErrorModel, floorplan: Floorplan) -> tuple[WallTest, ...]:
     """Test each wall that holds the poses, the surest to be moved first.
 
     Args:
         model: of the errors of all terms, where an adjustment ended.
         floorplan: whose faces the walls are.
-        moved_sigma_m: of the offset of a wall that was moved.
     """
     bundles = model.bundles.get("walls")
     if bundles is None or model.free.shape[1] > 0:
@@ -73,10 +70,7 @@ def run_wall_tests(
     left = np.eye(len(clusters.weights)) - (clusters.pull.T @ solved) / clusters.weights[:, None]
     spread = model.spreads["walls"]
     walls = _WallEquations(bundles, clusters, solved, left, spread.factor, spread.shared_m)
-    tests = [
-        _test(walls, sides, model, moved_sigma_m)
-        for sides in _sides_of_walls(bundles.labels, floorplan)
-    ]
+    tests = [_test(walls, sides, model) for sides in _sides_of_walls(bundles.labels, floorplan)]
     return tuple(sorted((t for t in tests if t is not None), key=lambda test: -test.odds))
 
 
@@ -98,7 +92,7 @@ def _sides_of_walls(
 
 
 def _test(
-    walls: _WallEquations, sides: Float[np.ndarray, " c"], model: ErrorModel, moved_sigma_m: float
+    walls: _WallEquations, sides: Float[np.ndarray, " c"], model: ErrorModel
 ) -> WallTest | None:
     """One wall; None where nothing else says where it is."""
     bundles, clusters = walls.bundles, walls.clusters
@@ -127,10 +121,10 @@ def _test(
     of_faces = np.bincount(bundles.cluster[is_own], weights * kept, len(sides))
     variance = max(variance, 0.0) + shared_m**2 * float(of_faces @ of_faces)
     sigma = float(np.sqrt(variance)) / held
-    wide = float(np.hypot(sigma, moved_sigma_m))
+    wide = float(np.hypot(sigma, MOVED_SIGMA_M))
     log_odds = np.log(PRIOR_ODDS * sigma / wide) + 0.5 * offset**2 * (sigma**-2 - wide**-2)
     # Were it moved, by how much: what is seen and what is usual, together.
-    offset *= (moved_sigma_m / wide) ** 2
+    offset *= (MOVED_SIGMA_M / wide) ** 2
     return WallTest(
         tuple(int(face) for face in bundles.labels[own]),
         tuple(float(offset * side) for side in sides[own]),

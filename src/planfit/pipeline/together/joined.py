@@ -19,7 +19,7 @@ from planfit.matching.tentative import describe_views, join_keypoints
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.together.observed import ObservedScan
-from planfit.runtime import Runtime
+from planfit.runtime import SEED, Runtime
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan, join_scans
 from planfit.scan.odometry import Odometry
@@ -55,7 +55,7 @@ def see_together(observed: Sequence[ObservedScan], options: RefineOptions) -> Sc
     keypoints = join_keypoints(
         scan.cameras, [each.keypoints for each in observed], options.matching
     )
-    rng = np.random.default_rng(options.matching.seed)
+    rng = np.random.default_rng(SEED)
     descriptors = describe_views(scan.cameras, keypoints.keypoints, rng)
     of_scan = np.repeat(np.arange(len(keys)), [len(own) for own in keys])
     return ScansSeen(scan, of_scan, keypoints, descriptors)

@@ -13,7 +13,7 @@ from planfit.adjust.calibration import Calibration
 from planfit.errors import OptionError, ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching.tentative import ScanKeypoints
-from planfit.pipeline.calibrate import calibrate_alone, with_priors_of
+from planfit.pipeline.calibrate import calibrate_alone, with_priors_of_poses
 from planfit.pipeline.observations import Observations, observe, with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
@@ -84,7 +84,7 @@ def observe_scan(
             f"{scan.name}: expected scans of one storey, found one that walks through several; refine it "
             "alone, with a plan for each storey (--plan 0=FILE --plan 1=FILE)"
         )
-    calibrated = calibrate_alone(scan, seen, with_priors_of(options, seen), timer)
+    calibrated = calibrate_alone(scan, with_priors_of_poses(seen), options, timer)
     keypoints = _corrected(known.keypoints, calibrated.calibration.sensor)
     return ObservedScan(
         name,

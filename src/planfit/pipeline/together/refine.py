@@ -11,6 +11,7 @@ from planfit.floorplan import Floorplan
 from planfit.matching.between_scans import retrieve_between, verify_between
 from planfit.matching.pairs import distinct_views
 from planfit.pipeline.given import require_given
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
 from planfit.pipeline.together.joined import (
@@ -74,8 +75,9 @@ def refine_together(
         for name, scan in zip(names, scans, strict=True)
     ]
     joined, placing = _join(observed, floorplan, chosen, running, timer)
-    solved_with = _joint_options(chosen, [observed[place.scan] for place in placing.places])
-    together = refine(joined.scan, floorplan, solved_with, running, joined.observations)
+    placed = [observed[place.scan] for place in placing.places]
+    seen = _with_sensors_settled(joined.observations, placed)
+    together = refine(joined.scan, floorplan, chosen, running, seen)
     stages = (*timer.seconds, *together.seconds_by_stage)
     seconds = {
         stage: timer.seconds.get(stage, 0.0) + together.seconds_by_stage.get(stage, 0.0)
@@ -85,9 +87,7 @@ def refine_together(
         replace(own, placed_by=place.by)
         for own, place in zip(joined.frames, placing.places, strict=True)
     )
-    assert together.made_of is not None  # `refine` always says
-    made_of = replace(together.made_of, options=chosen)
-    together = replace(together, scans=frames, seconds_by_stage=seconds, made_of=made_of)
+    together = replace(together, scans=frames, seconds_by_stage=seconds)
     refined = [
         RefinedScan(name, scan, None, placing.reasons.get(k, ()), None)
         for k, (name, scan) in enumerate(zip(names, scans, strict=True))
@@ -139,14 +139,14 @@ def _views(observed: Sequence[ObservedScan]) -> np.ndarray:
     return np.concatenate(found)
 
 
-def _joint_options(options: RefineOptions, placed: Sequence[ObservedScan]) -> RefineOptions:
-    """Those of the joint solve: where sensors were corrected one by one, no common one is sought.
+def _with_sensors_settled(seen: Observations, placed: Sequence[ObservedScan]) -> Observations:
+    """What the joint solve sees: where sensors were corrected one by one, no common one is sought.
 
     How unsure sensors are still counts in the predicted error.
     """
     if all(each.calibration.sensor.is_nominal for each in placed):
-        return options
-    return replace(options, calibration=replace(options.calibration, min_sigmas=NEVER))
+        return seen
+    return replace(seen, priors=replace(seen.priors, min_sigmas=NEVER))
 
 
 def _findings(refined: Sequence[RefinedScan], of_all: tuple[Finding, ...]) -> tuple[Finding, ...]:

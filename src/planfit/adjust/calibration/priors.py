@@ -10,13 +10,21 @@ from planfit.errors import require_positive
 
 @dataclass(frozen=True)
 class CalibrationOptions:
-    """Prior standard deviations of what all frames share; 0 holds a parameter at its nominal value.
-
-    Which of depth, odometry and plan is wrong where their scales disagree is a matter of these alone.
-    """
+    """Whether the sensor is looked at."""
 
     is_on: bool = True
     """Whether anything is estimated."""
+
+
+@dataclass(frozen=True)
+class CalibrationPriors:
+    """Prior standard deviations of what all frames share; 0 holds a parameter at its nominal value.
+
+    Which of depth, odometry and plan is wrong where their scales disagree is a matter of these alone. They
+    are what devices and drawings are like, so no user sets them; what poses and plan of a run are known for
+    does (`planfit.pipeline.calibrate`).
+    """
+
     depth_scale_sigma: float = 0.03
     """Of the factor on depth: phones and time-of-flight cameras are off by 1 to 2 %, some by 5 %."""
     depth_offset_sigma_m: float = 0.02
@@ -62,3 +70,7 @@ class CalibrationOptions:
                 self.half_thickness_sigma_m,
             ]
         )
+
+
+PRIORS = CalibrationPriors()
+"""Of an unknown sensor, a tracker that knows the metre and a plan in metres."""
