@@ -18,6 +18,7 @@ from planfit.alignment import (
     selection,
 )
 from planfit.alignment.candidates import candidate_yaws
+from planfit.alignment.selection import MIN_SCORE
 from planfit.alignment.selection import MIN_MARGIN
 from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
