@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import Any, TypeAlias
 
 import tinycss2
-from tinycss2.color4 import Color, parse_color
+from tinycss2.color4 import parse_color
 
 from planfit.floorplan.formats.svg.rules import SVG_NAMESPACE, split
 
@@ -125,8 +125,8 @@ def plain_colour(text: str, by_id: Mapping[str, ET.Element]) -> str | None:
         return token.lower_value
     if token.type == "function" and token.lower_name not in _COLOUR_FUNCTIONS:
         return None
-    colour = parse_color(token)
-    if not isinstance(colour, Color):
+    colour: Any = parse_color(token)
+    if isinstance(colour, str | None):
         return "currentColor" if colour == "currentcolor" else None
     if None in colour.coordinates:
         return None

@@ -168,7 +168,7 @@ def parse_selector(text: str) -> Selector | None:
     compounds: list[set[str]] = []
     is_child: list[bool] = []
     is_new, is_next_child = True, False
-    left = tinycss2.parse_component_value_list(text, skip_comments=True)[::-1]
+    left: list[Any] = tinycss2.parse_component_value_list(text, skip_comments=True)[::-1]
     while left:
         token = left.pop()
         if token.type == "whitespace" or token == ">":
@@ -178,8 +178,9 @@ def parse_selector(text: str) -> Selector | None:
             compounds.append(set())
             is_child.append(is_next_child)
             is_new, is_next_child = False, False
-        if token in (".", ":") and left and left[-1].type == "ident":
-            fact = token.value + left.pop().value
+        mark = token.value if token.type == "literal" else ""
+        if mark in (".", ":") and left and left[-1].type == "ident":
+            fact = mark + left.pop().value
         else:
             fact = _fact(token)
         if not fact or (fact[0] == ":" and fact != ":root"):
@@ -191,8 +192,10 @@ def parse_selector(text: str) -> Selector | None:
 
 def _fact(token: Any) -> str:
     """What one token asks of an element; empty where that is not known."""
-    if token == "*" or token.type in ("ident", "hash"):
-        return f"#{token.value}" if token.type == "hash" else token.value
+    if token.type == "hash":
+        return f"#{token.value}"
+    if token.type == "ident" or (token.type == "literal" and token.value == "*"):
+        return token.value
     if token.type == "[] block":
         match [each for each in token.content if each.type != "whitespace"]:
             case [name] if name.type == "ident":
