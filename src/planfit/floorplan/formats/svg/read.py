@@ -2,6 +2,7 @@
 
 import io
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,12 +30,11 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
+    flatten_transforms,
     load_safely,
-    with_flat_transforms,
-    with_symbols_apart,
+    set_symbols_apart,
 )
-from planfit.floorplan.formats.svg.styles import with_styles
-from planfit.floorplan.formats.svg.variables import with_values
+from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
@@ -65,8 +65,8 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     Raises:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
-    data, n_references = load_safely(path)
-    svg, not_understood = _parsed(data, path)
+    root, n_references = load_safely(path)
+    svg, not_understood = _parsed(root, path)
     builder = DrawingBuilder()
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
@@ -139,15 +139,18 @@ def _is_in_true_size(svg: SVG) -> bool:
     return side_px * 0.0254 / PIXELS_PER_INCH > WIDEST_PAPER_M
 
 
-def _parsed(data: bytes, path: Path) -> tuple[SVG, tuple[str, ...]]:
+def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...]]:
     """The drawing, and what of its styles was not understood."""
     try:
-        data, not_understood = with_styles(with_values(data))
+        not_understood = apply_styles(root)
     except FloorplanError as error:
         raise FloorplanError(f"{path}: {error}") from error
-    data = with_flat_transforms(with_symbols_apart(data))
+    set_symbols_apart(root)
+    flatten_transforms(root)
     try:
-        svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
+        svg = SVG.parse(
+            io.BytesIO(ET.tostring(root, encoding="utf-8")), reify=True, ppi=PIXELS_PER_INCH
+        )
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "
