@@ -14,6 +14,16 @@ def _drifted_floor(floors_m: tuple[float, ...]) -> str:
     )
 
 
+def _floor_pieces(heights_m: tuple[float, ...], slopes: tuple[float, ...]) -> str:
+    higher = [f"{height:+.2f} m" for height in heights_m[1:]]
+    sloped = [f"{slope:.1%}" for slope in slopes if slope]
+    levels = [f"has pieces at {' and '.join(higher)}"] if higher else []
+    falls = [f"slopes by {' and '.join(sloped)}"] if sloped else []
+    return (
+        f"the floor is not one level plane: it {' and '.join([*levels, *falls])}; heights follow it"
+    )
+
+
 def _others(has_plan: bool) -> str:
     return "walls and floor" if has_plan else "the floor"
 
@@ -113,6 +123,7 @@ class ScanKind(Kind):
         "no floor was seen: height and tilt follow the recorded poses",
         "tilt the camera down while scanning, or give floor masks",
     )
+    FLOOR_NOT_LEVEL = note(_floor_pieces)
     FLOOR_DRIFTED = warning(
         _drifted_floor, "if there are stairs, scan them with images that overlap"
     )

@@ -42,6 +42,10 @@ def scan_findings(
         found.append(Finding(ScanKind.GRAVITY_UNSURE, facts))
     if not structure.has_floor:
         found.append(Finding(ScanKind.NO_FLOOR))
+    if structure.floor_pieces:
+        heights_m, slopes = zip(*structure.floor_pieces, strict=True)
+        facts = {"heights_m": heights_m, "slopes": slopes}
+        found.append(Finding(ScanKind.FLOOR_NOT_LEVEL, facts))
     if structure.drifted_floors_m:
         found.append(Finding(ScanKind.FLOOR_DRIFTED, {"floors_m": structure.drifted_floors_m}))
     if has_plan and not structure.has_walls:
