@@ -18,7 +18,7 @@ from planfit.alignment import (
     selection,
 )
 from planfit.alignment.candidates import candidate_yaws
-from planfit.alignment.selection import MIN_MARGIN
+from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3

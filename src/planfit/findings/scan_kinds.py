@@ -1,8 +1,9 @@
 """Findings of what a scan shows, and of its sensor, and their words."""
 
 from planfit.findings.message import Kind, note, warning
+from planfit.priors import VIEW_DISTANCE_M
 
-FAR_M = 3.0
+FAR_M = VIEW_DISTANCE_M.value
 """Distance at which the quadratic part of depth is told in metres."""
 
 
@@ -11,6 +12,16 @@ def _drifted_floor(floors_m: tuple[float, ...]) -> str:
     return (
         f"the recorded poses drift in height: the floor was recorded at {heights} as well, and matches "
         "and motion show that it is the same"
+    )
+
+
+def _floor_pieces(heights_m: tuple[float, ...], slopes: tuple[float, ...]) -> str:
+    higher = [f"{height:+.2f} m" for height in heights_m[1:]]
+    sloped = [f"{slope:.1%}" for slope in slopes if slope]
+    levels = [f"has pieces at {' and '.join(higher)}"] if higher else []
+    falls = [f"slopes by {' and '.join(sloped)}"] if sloped else []
+    return (
+        f"the floor is not one level plane: it {' and '.join([*levels, *falls])}; heights follow it"
     )
 
 
@@ -113,6 +124,7 @@ class ScanKind(Kind):
         "no floor was seen: height and tilt follow the recorded poses",
         "tilt the camera down while scanning, or give floor masks",
     )
+    FLOOR_NOT_LEVEL = note(_floor_pieces)
     FLOOR_DRIFTED = warning(
         _drifted_floor, "if there are stairs, scan them with images that overlap"
     )

@@ -31,6 +31,7 @@ def join_structures(structures: Sequence[Structure], floor_height_m: float) -> S
         columns=_joined_patches([s.columns for s in structures], offsets),
         back_end=next((name for name in back_ends if name != "masks"), "masks"),
         floor_height_m=floor_height_m,
+        floor_pieces=tuple(sorted({piece for s in structures for piece in s.floor_pieces})),
         drifted_floors_m=tuple(sorted({h for s in structures for h in s.drifted_floors_m})),
     )
 

@@ -122,6 +122,9 @@ class Structure:
     one plan for all frames."""
     drifted_floors_m: tuple[float, ...] = ()
     """Heights above the main floor at which poses as recorded saw that same floor, having drifted."""
+    floor_pieces: tuple[tuple[float, float], ...] = ()
+    """Pieces of a floor that is not one level plane, the main one first: height (m) above that where they are
+    walked, and slope as a share. Floor points are as if all were level at its height."""
 
     __repr__ = short_repr
 

@@ -37,16 +37,24 @@ _USE = f"{_SVG}use"
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 
 
-def load_safely(path: Path) -> tuple[bytes, int]:
-    """The text of an SVG or SVGZ, known to be harmless, and how many other files it names.
+def load_safely(path: Path) -> tuple[ET.Element, int]:
+    """The root of an SVG or SVGZ, known to be harmless, and how many other files it names.
 
     Raises:
         FloorplanError: it is empty or damaged, no well-formed XML, declares entities, or repeats elements
             without bound.
     """
     data, n_references = _checked(path)
-    _require_bounded(data, path)
-    return data, n_references
+    root = ET.fromstring(data)
+    n = elements_when_expanded(root)
+    # Elements are repeated without bound as entities can be.
+    if n > max(MAX_REPEATED, data.count(b"<")):
+        found = "one that repeats itself" if math.isinf(n) else f"{n:.3g} elements by repetition"
+        raise FloorplanError(
+            f"{path}: expected an SVG of at most {MAX_REPEATED} elements by `use`, found {found}; "
+            "save it again as plain SVG, with clones unlinked"
+        )
+    return root, n_references
 
 
 def _checked(path: Path) -> tuple[bytes, int]:
@@ -85,17 +93,6 @@ def _checked(path: Path) -> tuple[bytes, int]:
             f"{path}: expected an SVG, found no well-formed XML ({error}); export it again"
         ) from error
     return data, references
-
-
-def _require_bounded(data: bytes, path: Path) -> None:
-    """Raise where elements are repeated without bound, as entities can be."""
-    n = elements_when_expanded(ET.fromstring(data))
-    if n > max(MAX_REPEATED, data.count(b"<")):
-        found = "one that repeats itself" if math.isinf(n) else f"{n:.3g} elements by repetition"
-        raise FloorplanError(
-            f"{path}: expected an SVG of at most {MAX_REPEATED} elements by `use`, found {found}; "
-            "save it again as plain SVG, with clones unlinked"
-        )
 
 
 def _unzipped(path: Path) -> bytes:
@@ -143,13 +140,8 @@ def elements_when_expanded(root: ET.Element) -> float:
     return size[root]
 
 
-def with_symbols_apart(data: bytes) -> bytes:
-    """The same SVG with each symbol in a `defs` of its own: svgelements draws them where they are defined.
-
-    Args:
-        data: well-formed XML, known to declare no entities.
-    """
-    root = ET.fromstring(data)
+def set_symbols_apart(root: ET.Element) -> None:
+    """Put each symbol into a `defs` of its own: svgelements draws them where they are defined."""
     found = [
         (parent, k, child)
         for parent in root.iter()
@@ -160,21 +152,16 @@ def with_symbols_apart(data: bytes) -> bytes:
         definitions = ET.Element(f"{_SVG}defs")
         definitions.append(symbol)
         parent[k] = definitions
-    return ET.tostring(root, encoding="utf-8") if found else data
 
 
-def with_flat_transforms(data: bytes) -> bytes:
-    """The same SVG with the transforms of groups moved into their shapes.
+def flatten_transforms(root: ET.Element) -> None:
+    """Move the transforms of groups into their shapes.
 
     svgelements parses the transforms of all ancestors again for every shape: drawings converted from PDF
     nest a hundred deep, and took 4.5 s of 7. Files that use an element twice stay as they are.
-
-    Args:
-        data: well-formed XML, known to declare no entities.
     """
-    root = ET.fromstring(data)
     if root.tag != f"{_SVG}svg" or any(e.tag in _REUSING for e in root.iter() if e is not root):
-        return data
+        return
     stack = [(child, Matrix()) for child in root]
     while stack:
         element, root_from_parent = stack.pop()
@@ -190,7 +177,6 @@ def with_flat_transforms(data: bytes) -> bytes:
             stack.extend((child, root_from_own) for child in element)
         elif text:
             element.set("transform", text)
-    return ET.tostring(root, encoding="utf-8")
 
 
 def _written(m: Matrix) -> str:

@@ -2,6 +2,7 @@
 
 import io
 import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,23 +30,21 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
+    flatten_transforms,
     load_safely,
-    with_flat_transforms,
-    with_symbols_apart,
+    set_symbols_apart,
 )
-from planfit.floorplan.formats.svg.styles import with_styles
-from planfit.floorplan.formats.svg.variables import with_values
+from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
+from planfit.priors import PAPER_WIDTH_MOST_M
 
 PIXELS_PER_INCH = 96.0
-WIDEST_PAPER_M = 1.6
-"""Rolls of plotters are up to 1.52 m wide: a page whose shorter side is longer is as large as the
-building."""
+"""Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 LIGHT, PAPER, WHITE = 200, 235, 245
 """Of 255, of every colour: paper and floors; paper, tinted and white."""
@@ -65,8 +64,8 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     Raises:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
-    data, n_references = load_safely(path)
-    svg, not_understood = _parsed(data, path)
+    root, n_references = load_safely(path)
+    svg, not_understood = _parsed(root, path)
     builder = DrawingBuilder()
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
@@ -136,18 +135,21 @@ def _is_in_true_size(svg: SVG) -> bool:
     if not all(_LENGTH.fullmatch(str(own.get(name, ""))) for name in ("width", "height")):
         return False
     side_px = min(float(str(svg.width)), float(str(svg.height)))
-    return side_px * 0.0254 / PIXELS_PER_INCH > WIDEST_PAPER_M
+    return side_px * 0.0254 / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
 
 
-def _parsed(data: bytes, path: Path) -> tuple[SVG, tuple[str, ...]]:
+def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...]]:
     """The drawing, and what of its styles was not understood."""
     try:
-        data, not_understood = with_styles(with_values(data))
+        not_understood = apply_styles(root)
     except FloorplanError as error:
         raise FloorplanError(f"{path}: {error}") from error
-    data = with_flat_transforms(with_symbols_apart(data))
+    set_symbols_apart(root)
+    flatten_transforms(root)
     try:
-        svg = SVG.parse(io.BytesIO(data), reify=True, ppi=PIXELS_PER_INCH)
+        svg = SVG.parse(
+            io.BytesIO(ET.tostring(root, encoding="utf-8")), reify=True, ppi=PIXELS_PER_INCH
+        )
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "

@@ -8,19 +8,25 @@ import math
 import re
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.formats.svg.css_values import length_px, plain_colour
+from planfit.floorplan.formats.svg.css_values import (
+    length_px,
+    plain_colour,
+    resolved_variables,
+    with_variables,
+)
 from planfit.floorplan.formats.svg.rules import (
     STYLE,
-    SVG_NAMESPACE,
+    Declaration,
+    Rule,
     Selector,
-    is_dynamic,
+    facts_of,
+    parse_declarations,
+    parse_rules,
     parse_selector,
-    split_declarations,
-    split_rules,
 )
 
 _INHERITED = {
@@ -36,116 +42,101 @@ _MOST_TRIALS, _PATH_TRIALS = 1_000_000, 5
 """Rules tried on elements; those that ask for elements around them take longer and count so often. Of a real
 drawing of 20,000 paths and 60 rules 0.1 million."""
 _EM_PX = 16.0
+"""Font size of browsers where none is set: `medium`, 16 px."""
 _PLAIN = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?(px)?")
 
 
 @dataclass(frozen=True)
-class _Styled:
+class _Ready:
     """A rule, ready to be tried."""
 
-    selector: Selector
-    declarations: tuple[tuple[str, str], ...]
     order: tuple[tuple[int, int, int], int]
+    """The later one holds: specificity, and the number in the file."""
+    selector: Selector
+    declarations: tuple[Declaration, ...]
 
 
-@dataclass
-class _Sheet:
-    """Rules by the id, class or name that an element must have, and what was not understood."""
+def apply_styles(root: ET.Element) -> tuple[str, ...]:
+    """Put what the style sheets of an SVG say, and the `style` of each element, into its attributes.
 
-    by_key: dict[str, list[_Styled]] = field(default_factory=dict)
-    unknown: Counter[str] = field(default_factory=Counter)
-
-    def of(self, element: ET.Element) -> Iterator[_Styled]:
-        """Rules that may be of an element."""
-        keys = ["*", element.tag, f"#{element.get('id', '')}"]
-        keys += [f".{name}" for name in dict.fromkeys((element.get("class") or "").split())]
-        for key in keys:
-            yield from self.by_key.get(key, ())
-
-
-def with_styles(data: bytes) -> tuple[bytes, tuple[str, ...]]:
-    """The same SVG with what its style sheets say in the `style` of each element, and what was not
-    understood of them, a sentence each.
-
-    Args:
-        data: well-formed XML, known to declare no entities, without variables.
+    Returns what was not understood of them, a sentence each.
 
     Raises:
-        FloorplanError: of more rules and elements than any drawing has.
+        FloorplanError: there are more rules and elements than in any drawing.
     """
-    root = ET.fromstring(data)
-    sheet = _sheet_of(root)
-    parents = [(root, [root])]
+    texts = [element.text or "" for element in root.iter(STYLE)]
+    rules = [rule for text in texts for rule in parse_rules(text)]
+    variables = _variables(root, rules)
+    unknown = Counter({"style sheet in another file": sum("@import" in text for text in texts)})
+    _apply_rules(root, _ready(rules, unknown))
+    for element in root.iter():
+        if element.tag == STYLE:
+            element.text = ""
+        for name, text in element.attrib.items():
+            if "var(" in text:
+                element.set(name, with_variables(text, variables))
+    _put_values(root, unknown)
+    return _words(+unknown)
+
+
+def _variables(root: ET.Element, rules: Sequence[Rule]) -> dict[str, str]:
+    """Variables of the whole drawing, of its rules, of single elements.
+
+    Those that hold for a dark screen or for print (in `@media`) are not taken, and of several rules the
+    first, as themes follow what they change.
+    """
+    found = list(parse_declarations(root.get("style", "")))
+    found += [each for rule in rules for each in rule.declarations]
+    found += [each for e in root.iter() for each in parse_declarations(e.get("style", ""))]
+    values: dict[str, str] = {}
+    for each in found:
+        if each.name.startswith("--"):
+            values.setdefault(each.name, each.value)
+    return resolved_variables(values)
+
+
+def _ready(rules: Sequence[Rule], unknown: Counter[str]) -> dict[str, list[_Ready]]:
+    """Rules by a fact that an element must have; those of unknown kinds are counted."""
+    result: dict[str, list[_Ready]] = {}
+    for number, rule in enumerate(rules):
+        declarations = tuple(each for each in rule.declarations if each.name in _DRAWN)
+        selector = parse_selector(rule.words) if declarations else None
+        if selector is not None:
+            ready = _Ready((selector.specificity, number), selector, declarations)
+            result.setdefault(selector.key, []).append(ready)
+        elif declarations and not rule.is_dynamic:
+            unknown[f"rule of '{_short(rule.words)}'"] += 1
+    return result
+
+
+def _apply_rules(root: ET.Element, by_fact: Mapping[str, Sequence[_Ready]]) -> None:
+    stack = [(root, [facts_of(root, is_root=True)])]
     n_trials = 0
-    while parents:
-        element, path = parents.pop()
-        matched = []
-        for rule in sheet.of(element):
-            n_trials += 1 if len(rule.selector.compounds) == 1 else _PATH_TRIALS
-            if rule.selector.matches(path):
-                matched.append(rule)
+    while stack:
+        element, path = stack.pop()
+        tried = [rule for fact in ("", *path[-1]) for rule in by_fact.get(fact, ())]
+        n_trials += sum(1 if len(r.selector.compounds) == 1 else _PATH_TRIALS for r in tried)
         if n_trials > _MOST_TRIALS:
             raise FloorplanError(
                 "expected style sheets of a drawing, found too many pairs of rules and "
                 "elements; save it again as plain SVG"
             )
+        matched = [rule for rule in tried if rule.selector.matches(path)]
+        inner = [child for child in element if isinstance(child.tag, str)]
+        stack += [(child, [*path, facts_of(child, is_root=False)]) for child in inner]
         _put(element, _cascade(element, matched))
-        parents += [(child, [*path, child]) for child in element if isinstance(child.tag, str)]
-    for element in root.iter(STYLE):
-        element.text = ""
-    _put_values(root, sheet.unknown)
-    return ET.tostring(root, encoding="utf-8"), _words(sheet.unknown)
 
 
-def _sheet_of(root: ET.Element) -> _Sheet:
-    sheet = _Sheet()
-    n = 0
-    for element in root.iter(STYLE):
-        if "@import" in (element.text or ""):
-            sheet.unknown["style sheet in another file"] += 1
-        for rule in split_rules(element.text or ""):
-            own = tuple((a.lower(), b) for a, b in rule.declarations if a.lower() in _DRAWN)
-            selector = parse_selector(rule.selector)
-            if own and selector is not None:
-                n += 1
-                key = _key_of(selector)
-                styled = _Styled(selector, own, (selector.specificity, n))
-                sheet.by_key.setdefault(key, []).append(styled)
-            elif own and not is_dynamic(rule.selector):
-                sheet.unknown[f"rule of '{_short(rule.selector)}'"] += 1
-    return sheet
-
-
-def _key_of(selector: Selector) -> str:
-    last = selector.compounds[-1]
-    if last.id:
-        return f"#{last.id}"
-    if last.classes:
-        return f".{min(last.classes)}"
-    return SVG_NAMESPACE + last.tag if last.tag else "*"
-
-
-def _cascade(element: ET.Element, matched: list[_Styled]) -> dict[str, str]:
-    """What holds of an element: rules by how special they are, its own style, what is important."""
-    found: list[tuple[bool, int, tuple, str, str]] = []
-    for rule in matched:
-        for name, value in rule.declarations:
-            found.append((_is_important(value), 0, rule.order, name, value))
-    for name, value in split_declarations(element.get("style") or ""):
-        found.append((_is_important(value), 1, (), name.lower(), value))
-    result: dict[str, str] = {}
-    for *_, name, value in sorted(found, key=lambda each: each[:3]):
-        result[name] = value.replace("!important", "").strip()
-    return result
-
-
-def _is_important(value: str) -> bool:
-    return "!important" in value
+def _cascade(element: ET.Element, matched: Sequence[_Ready]) -> dict[str, str]:
+    """Properties of an element: of rules by their specificity, of its own style, of what is important."""
+    ordered = sorted(matched, key=lambda rule: rule.order)
+    found = [each for rule in ordered for each in rule.declarations]
+    found += parse_declarations(element.attrib.pop("style", ""))
+    return {each.name: each.value for each in sorted(found, key=lambda each: each.is_important)}
 
 
 def _put(element: ET.Element, style: dict[str, str]) -> None:
     """Into the attributes: those that are inherited as they are around it are none of its own."""
-    element.attrib.pop("style", None)
     for name, value in style.items():
         if name in _INHERITED and value.lower() in ("inherit", "unset"):
             element.attrib.pop(name, None)
