@@ -111,7 +111,7 @@ def test_wall_seen_where_it_is_drawn_speaks_against(world):
     spoilt = replace(world, structure=replace(world.structure, walls=before))
     with patch.object(moved_walls, "MIN_PATCHES", 2):
         assert np.isnan(found(spoilt, world.floorplan)).all()
-        with patch.object(moved_walls, "_MIN_SHARE", 0.4):
+        with patch.object(moved_walls, "MIN_SHARE", 0.4):
             assert np.isfinite(found(spoilt, world.floorplan))[1]
 
 

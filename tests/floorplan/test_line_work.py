@@ -26,6 +26,7 @@ from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.line_work import merge_collinear
 from planfit.floorplan.vector.regions import faces_of_regions, section_area
 from planfit.floorplan.vector.units import length_of_text
+from planfit.priors import WALL_FACES_APART_M
 
 WALLS, BUILDING = make_plan(n_rooms=6)
 TRUTH = faces_of_regions(WALLS, 1e-6, 0.5)
@@ -47,7 +48,7 @@ def precision(plan, scale=1.0, translation=(0.0, 0.0), within=0.01):
 # --- partners: the slow, obvious twin of the tree ---------------------------------------------
 
 
-def slow_orientation(ends, most=0.6, least=0.02):
+def slow_orientation(ends, most=WALL_FACES_APART_M.high, least=WALL_FACES_APART_M.low):
     n = len(ends)
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
     along = (ends[:, 1] - ends[:, 0]) / length[:, None]

@@ -9,10 +9,11 @@ from planfit.adjust.mutual_walls import mutually_nearest
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
+from planfit.priors import PATCH_TURN_MOST_DEG
 from planfit.runtime import short_repr
 from planfit.segmentation import Structure, WallPatches
 
-MAX_ANGLE_DEG = 12.0
+MAX_ANGLE_DEG = PATCH_TURN_MOST_DEG.value
 """Largest angle between a patch and its face."""
 MIN_OVERLAP = 0.5
 """Share of a patch that must lie beside its face."""

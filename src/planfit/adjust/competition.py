@@ -22,7 +22,7 @@ from planfit.adjust.problem import build_problem
 from planfit.adjust.reach import MAX_REACH_M, patch_sigmas
 from planfit.adjust.shifts import Shift, other_places
 from planfit.adjust.terms.walls import observations_of
-from planfit.adjust.voting import MAX_SHIFT_M, vote
+from planfit.adjust.voting import MAX_SHIFT_M, PATCHES_PER_STRETCH, vote
 from planfit.lsq.robust import loss_value
 from planfit.lsq.term import robust_cost
 
@@ -32,7 +32,7 @@ SAME_PLACE_M = 0.03
 """Ends whose cameras lie closer (RMS) are one optimum."""
 CLEAR_SHARE = 0.5
 """Where every stretch of the walk has this share of its wall explained, no other start is tried."""
-STRETCH = 16
+STRETCH = PATCHES_PER_STRETCH
 """Wall patches of a stretch."""
 REACH_SIGMAS = 2.0
 """A loss is made as wide as so many sigmas of the patch's place."""

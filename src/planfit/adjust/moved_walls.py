@@ -16,35 +16,44 @@ from planfit.adjust.association import Association, AssociationOptions, wall_pat
 from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
+from planfit.priors import (
+    DOOR_GAP_M,
+    SURE_SIGMAS,
+    WALL_AS_DRAWN_M,
+    WALL_FACES_APART_M,
+    WALL_MOVED_MOST_M,
+    WALL_SPREAD_M,
+)
 from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""
-PARALLEL, SAME_MOTION_M, MAX_THICKNESS_M, MAX_GAP_M = 0.99, 0.08, 0.6, 1.0
+PARALLEL, SAME_MOTION_M = 0.99, 0.08
+MAX_THICKNESS_M, MAX_GAP_M = WALL_FACES_APART_M.high, DOOR_GAP_M.value
 """Two faces are of one wall: cosine between their normals, how alike they were moved, how far they lie apart
 across, and along (a door may be between)."""
 OVERHANG_M = 0.1
 """A patch may reach beyond the end of its face by this much and still lie wholly beside it."""
 
 
-MAX_OFFSET_M = 0.7
+MAX_OFFSET_M = WALL_MOVED_MOST_M.value
 """Wall further off its face as drawn is another wall."""
-MIN_OFFSET_M = 0.07
+MIN_OFFSET_M = WALL_AS_DRAWN_M.value
 """A wall less far off is as drawn."""
 MIN_PATCHES = 3
 """Wall patches that must agree on the offset."""
-_MIN_SHARE = 0.6
+MIN_SHARE = 0.6
 """Share of the wall seen near a face, as drawn or not, that must agree on it."""
 _MAX_MOVED_SHARE = 0.5
 """Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
 walls, and none is taken for moved."""
-MIN_SIGMAS = 3.0
+MIN_SIGMAS = SURE_SIGMAS.value
 """An offset counts from this many of its standard deviations on: where little holds the poses that saw a
 wall, they may be off as well."""
 PRICE = 5.0
 """Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
 them than of one as drawn (0.3 m against 0.02 m)."""
-WITHIN_M = 0.05
+WITHIN_M = WALL_SPREAD_M.value
 """Wall patches agree on an offset within this."""
 
 
@@ -101,7 +110,7 @@ def find_moved(
         mine = seen[agree[:, at]]
         offset = float(np.median(mine))
         enough = len(mine) >= MIN_PATCHES
-        most = len(mine) >= _MIN_SHARE * (len(seen) + n_drawn[face])
+        most = len(mine) >= MIN_SHARE * (len(seen) + n_drawn[face])
         if enough and (most or face in known) and abs(offset) >= MIN_OFFSET_M:
             moved_m[face] = offset
             n_moved += 0 if face in known else len(mine)

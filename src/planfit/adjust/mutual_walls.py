@@ -22,12 +22,13 @@ from jaxtyping import Bool, Float, Int
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import BesideRule, distances_of_segments
 from planfit.geometry import segments
+from planfit.priors import DOOR_GAP_M, DRAWING_ROUNDING_M
 
 WALL_TOLERANCE_M = 0.1
 """Patches whose ends lie within this of a wall's plane belong to it; half the thickness of a partition."""
-MAX_GAP_M = 1.0
+MAX_GAP_M = DOOR_GAP_M.value
 """Patches of one plane further apart than this along it are two walls; a door is narrower."""
-PLAN_TOLERANCE_M = 0.01
+PLAN_TOLERANCE_M = DRAWING_ROUNDING_M.value
 """Faces of the plan within this of one line are one plane."""
 _PART = 2048
 """Patches at a time: bounds the (patches x faces) tables."""

@@ -23,6 +23,8 @@ from planfit.lsq.term import Term
 STEP = 0.003
 """Scales are tried this far apart, as a share: several sigmas of the answer, and little enough that the
 same wall patches find the same faces."""
+FLAT = 1e-9
+"""Of costs, whose bowl has no bottom where it bends by less."""
 MAX_MOVES = 3
 """Windows that are tried where the bowl's bottom lies outside."""
 
@@ -76,7 +78,7 @@ def refit_scale(
         centre += 1 if high < low else -1
     low, here, high = (cost(centre + k) for k in (-1, 0, 1))
     curvature = low + high - 2 * here
-    if here > min(low, high) or curvature <= 1e-9:
+    if here > min(low, high) or curvature <= FLAT:
         return ScaleRefit(1.0, float("inf"), len(cost_at))
     bottom = centre + 0.5 * (low - high) / curvature
     # A robust cost is a sum of squares, near enough: it rises by one at one sigma from the bottom.

@@ -21,10 +21,11 @@ from planfit.adjust.schedule import PlanAdjustment, adjust_to_plan
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_offsets
 from planfit.lsq.term import Term
+from planfit.priors import WALL_FACES_APART_M, WALL_THICKNESS_SIGMA_M
 
-HALF_SIGMA_M = 0.04
-"""Of half the thickness of walls of one building, which are 10 to 25 cm thick inside, 25 to 40 cm outside."""
-LEAST_HALF_M = 0.01
+HALF_SIGMA_M = WALL_THICKNESS_SIGMA_M.value / 2
+"""Of half the thickness of walls of one building."""
+LEAST_HALF_M = WALL_FACES_APART_M.low / 2
 """No face comes nearer to its line."""
 SETTLED, MAX_ROUNDS = 0.2, 4
 """A scale that moves by less than this share of its standard deviation has settled."""

@@ -43,7 +43,7 @@ RESCALED_EVIDENCE, RESCALED_SCORE = 1.2, 0.9
 another scale: plans are seldom off, and with the scale free the plans of other buildings fit better (to 0.94
 and 0.69; right ones from 1.12 and, on a building site, 0.74)."""
 
-OTHER_PLACE_SCORE = 0.5
+OTHER_PLACE_SCORE = MIN_SCORE
 """Where the camera saw through most of the plan's wall and less of what it saw than this lies on the plan, it
 is another place's, even where the scan was given its place. Measured with adjusted walls: plans of other
 buildings 0.26 to 0.37 of the wall on the plan and 0.63 to 0.71 seen through; half of the walls missing 0.30

@@ -6,6 +6,7 @@ from jaxtyping import Float
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+from planfit.priors import BUILDING_SIZE_M, WALL_FACES_APART_M, WALL_THIN_QUARTER_MOST_M
 
 MIN_AGREEMENT = 0.35
 """Yaws that agree less than this share of the best are not tried: most buildings have four that do, and
@@ -13,12 +14,8 @@ the others only take time."""
 
 MAX_YAWS = 8
 """Most yaws that are tried, best agreement of wall directions first."""
-THICKNESS_M = (0.02, 0.6)
-"""Walls of buildings as they are drawn: thin strokes stand for walls in some plans."""
 SCAN_TO_PLAN = (1 / 12, 1.6)
 """Diagonal of the scan over that of the plan: from one room of a floor to a scan that leaves the plan."""
-MAX_SIZE_M = 2000.0
-"""A building is smaller than a town."""
 
 
 def candidate_yaws(walls: WallSamples, floorplan: Floorplan) -> Float[np.ndarray, " t"]:
@@ -58,11 +55,11 @@ def scale_range(walls: WallSamples, floorplan: Floorplan) -> tuple[float, float]
     """Smallest and largest metres per unit that are worth a try."""
     plan = float(np.hypot(*floorplan.size))
     low = walls.extent_m / plan / SCAN_TO_PLAN[1]
-    high = min(walls.extent_m / plan / SCAN_TO_PLAN[0], MAX_SIZE_M / plan)
+    high = min(walls.extent_m / plan / SCAN_TO_PLAN[0], BUILDING_SIZE_M.high / plan)
     thickness = wall_thickness(floorplan)
     if len(thickness) >= 4:
         thin, thick = np.percentile(thickness, [25, 75])
-        by_walls = THICKNESS_M[0] / thick, THICKNESS_M[1] / thin
+        by_walls = WALL_FACES_APART_M.low / thick, WALL_THIN_QUARTER_MOST_M.value / thin
         # Drawings may show only one side of most walls, or symbols for walls; then the sizes decide.
         if by_walls[0] < high and by_walls[1] > low:
             low, high = max(low, by_walls[0]), min(high, by_walls[1])

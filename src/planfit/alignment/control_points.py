@@ -9,6 +9,7 @@ from jaxtyping import Float
 from planfit.errors import OptionError
 from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
+from planfit.survey.axes import OUTSIDE_SHARE
 
 
 @dataclass(frozen=True)
@@ -23,9 +24,6 @@ class ControlPoint:
 
 OF_FILE = "file:"
 """Before a point of the plan that is given in the file's own coordinates."""
-OUTSIDE_SHARE = 0.5
-"""A point of the plan may lie so far outside of its faces, as a share of their extent: control points stand
-in gardens and on pavements."""
 
 
 def parse_control_point(text: str) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 2"], bool]:

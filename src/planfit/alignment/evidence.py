@@ -12,7 +12,7 @@ from planfit.alignment.refine import (
     rotation_2d,
     scaled_faces,
 )
-from planfit.alignment.search import free_space
+from planfit.alignment.search import CELL_M, free_space
 from planfit.alignment.visibility import crosses_face
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
@@ -23,8 +23,6 @@ from planfit.runtime import short_repr
 
 MAX_SAMPLES = 2500
 """Samples of wall that lines of sight are taken of."""
-CELL_M = 0.2
-"""Cell of the free space that lines of sight passed, and distance between samples of a face."""
 MAX_SEEN_THROUGH, MIN_JUDGED_M = 0.5, 10.0
 """Where more of the plan's wall was seen through than was seen, it stands elsewhere. Measured: right plans 0
 to 0.23; another building's, at the place that fits best, 0.05 to 0.8."""

@@ -14,12 +14,13 @@ from planfit.alignment.refine import AlignmentHypothesis, free_columns, rotation
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
+from planfit.priors import WALL_BEFORE_ADJUSTMENT_SIGMA_M
 
 N_KNOTS = 6
 """Knots along the walk that move; between them the motion is interpolated."""
 KNOT_SIGMA_M, KNOT_SIGMA_RAD = 0.2, np.deg2rad(1.0)
 """Sigma of the motion from one knot to the next: what closing loops leaves of two per cent drift."""
-WALL_SIGMA_M = 0.15
+WALL_SIGMA_M = WALL_BEFORE_ADJUSTMENT_SIGMA_M.value
 """Sigma of wall about its face."""
 DISTANCES_M = (0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.3, 0.3)
 

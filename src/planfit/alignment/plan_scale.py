@@ -27,6 +27,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
+from planfit.priors import SURE_SIGMAS
 
 LOOK_WITHIN = 0.12
 """Share by which the scale of a plan in metres that keeps its scale is looked beside it: prints, tracings and
@@ -37,7 +38,7 @@ off, and ConSLAM's: exp(13) to exp(124); right ones are not asked, as no other s
 OFF_SHARE = 0.006
 """A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
 and depth, odometry and the bend that drift leaves are not surer."""
-OFF_SIGMAS = 3.0
+OFF_SIGMAS = SURE_SIGMAS.value
 """A scale must be off by so many of its standard deviations too."""
 LOOK_SHARE = 0.004
 """From this on, the scale that the walls alone prefer at the alignment as drawn is worth a search."""

@@ -12,9 +12,10 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import se3, segments
 from planfit.geometry.se3 import wrap_angle
+from planfit.priors import WALL_BEFORE_ADJUSTMENT_SIGMA_M
 from planfit.runtime import short_repr
 
-SCORE_SIGMA_M = 0.15
+SCORE_SIGMA_M = WALL_BEFORE_ADJUSTMENT_SIGMA_M.value
 """A wall this far from its face scores 0.6. As built and as drawn differ by centimetres; leftover
 drift before the walls act is about a decimetre."""
 OCCLUDED_WEIGHT = 0.5

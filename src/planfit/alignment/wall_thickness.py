@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment.align import FULL_DISTANCES_M, FULL_SAMPLES, Alignment, HalfThickness
-from planfit.alignment.evidence import median_with_sigma
+from planfit.alignment.evidence import MIN_ON_LINES, median_with_sigma
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.plan_scale import HALF_THICKNESS_M, SAME_SCORE, may_be_rescaled
 from planfit.alignment.refine import (
@@ -21,11 +21,13 @@ from planfit.alignment.refine import (
     refine_hypothesis,
     rotation_2d,
 )
+from planfit.alignment.selection import MAX_CANDIDATES
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import are_strokes, with_thickness
 from planfit.floorplan.nearest_faces import nearest_beside
+from planfit.priors import PARTITION_THICKNESS_M, WALL_THICKNESS_M
 
 MIN_MORE_M, MIN_SIGMAS = 0.04, 4.0
 """Half the thickness must be more than drawn by so much, and so many of its standard deviations: walls that
@@ -33,16 +35,14 @@ are nearer stand as they are drawn."""
 MIN_GAIN = 0.015
 """Of the share of seen wall that the plan explains. Walls 22 cm thick in the middle: 0.25 more than by lines,
 0.03 more than by strokes of 10 cm."""
-THICKEST_HALF_M = 0.22
+THICKEST_HALF_M = WALL_THICKNESS_M.high / 2
 """Walls are not thicker than twice this, in the middle of a building's: else the plan is too large."""
-THINNEST_M = 0.11
-"""Walls that are drawn thinner may be strokes: partitions are 7 to 15 cm thick."""
+THINNEST_M = PARTITION_THICKNESS_M.middle
+"""Walls that are drawn thinner may be strokes."""
 REACH_M = 0.3
 """Scanned wall further from a face says nothing of its thickness."""
-MIN_ON_LINES = 0.5
-"""Share of the wall near the plan that must lie on faces of lines and strokes."""
 SETTLED_M, MAX_ROUNDS = 0.002, 5
-MAX_PLACES = 4
+MAX_PLACES = MAX_CANDIDATES
 
 
 def find_half_thickness(

@@ -15,6 +15,7 @@ from planfit.as_built.lines_of_sight import (
     frames_through,
 )
 from planfit.as_built.look_at_opening import look_at
+from planfit.as_built.new_walls import MAX_GAP_M
 from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.standing import DEPTH_M
 from planfit.as_built.types import AsBuilt, AsBuiltWall
@@ -31,10 +32,11 @@ from planfit.floorplan.gaps import (
     sides_of_gaps,
 )
 from planfit.geometry import segments
+from planfit.priors import DOOR_PASSED_LEAST_M
 
-BESIDE_M = 0.5
+BESIDE_M = MAX_GAP_M
 """Walls that end so near to an opening, in its line, are the wall that it is in."""
-MIN_NEW_M = 0.5
+MIN_NEW_M = DOOR_PASSED_LEAST_M.value
 """Width, m, that cameras look through of an opening that the plan lacks: that of the narrowest doors."""
 
 

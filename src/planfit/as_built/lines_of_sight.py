@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
+from planfit.priors import DOOR_CLEAR_HEIGHTS_M
 from planfit.segmentation import Structure
 
 BIN_M = 0.1
@@ -21,7 +22,7 @@ MIN_FRAMES = 3
 together."""
 BEYOND_M = 0.25
 """A line of sight passes a face where it ends this far behind it, m."""
-HEIGHTS_M = (0.3, 1.9)
+HEIGHTS_M = DOOR_CLEAR_HEIGHTS_M.both
 """Heights over the floor, m, between which lines of sight and points count: above are lintels, below are
 thresholds."""
 

@@ -12,11 +12,12 @@ from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight
 from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
+from planfit.priors import SURFACE_TILT_MOST_DEG
 
 SAME_WALL_M = 0.15
 """Patches whose lines are this far apart at most belong to one wall."""
 MAX_GAP_M = 0.5
-MAX_ANGLE_DEG = 15.0
+MAX_ANGLE_DEG = SURFACE_TILT_MOST_DEG.value
 PARALLEL = 0.97
 """Cosine between normals of faces that are in line with a new wall."""
 BIN_M, MIN_POINTS = 0.1, 3

@@ -7,6 +7,8 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Float
 
+from planfit.priors import DOOR_LEAF_THICKNESS_M
+
 
 class OpeningVerdict(Enum):
     """What became of an opening; the value is the word for it."""
@@ -42,7 +44,7 @@ MIN_CLOSED_SHARE = 0.5
 LEAF_BACK_M = 0.03
 """What closes an opening is a door where it surely stands back from a face of its wall by more than this, m,
 and wall where it surely does from neither, and the wall is thicker than a leaf by more than this."""
-LEAF_M = 0.045
+LEAF_M = DOOR_LEAF_THICKNESS_M.high
 """Maximum thickness of the leaf of a door, m."""
 
 

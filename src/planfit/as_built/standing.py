@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight, through_shares
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
+from planfit.priors import CUPBOARD_HEIGHT_M, STOREY_HEIGHT_M
 
 TOP_QUANTILE = 0.99
 """Of the heights of points, that is the top of a piece: single points fly."""
@@ -22,12 +23,12 @@ MAX_OVER_SHARE = 0.1
 benchmarks/as_built.py none passes any wall, and 0.14 or more of the cupboards that are seen over at all."""
 DEPTH_M = (0.3, 0.8)
 """Of cupboards, from their front to the wall behind."""
-MIN_TOP_M = 2.15
+MIN_TOP_M = CUPBOARD_HEIGHT_M.value
 """Height over the floor, m, that wall where none is drawn is seen up to, if it is no longer than cupboards
 are."""
 MAX_CUPBOARD_M = (0.9, 1.6)
 """Length, m, of what may be the side of a cupboard; of what may be its front, a wall being drawn behind."""
-CEILING_M = 10.0
+CEILING_M = STOREY_HEIGHT_M.high
 """Lines of sight count up to here."""
 
 

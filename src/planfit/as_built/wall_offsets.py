@@ -16,34 +16,33 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
-from planfit.adjust.moved_walls import nearest_unexplained
-from planfit.as_built.lines_of_sight import MIN_FRAMES, LinesOfSight
+from planfit.adjust.moved_walls import MIN_SHARE, nearest_unexplained
+from planfit.as_built.lines_of_sight import END_M, MIN_FRAMES, LinesOfSight
 from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
+from planfit.priors import WALL_AS_DRAWN_M, WALL_LENGTH_LEAST_M, WALL_MOVED_MOST_M, WALL_SPREAD_M
 from planfit.segmentation import Structure
 
 SCATTER_M, SCATTER_FRAMES = 0.02, 2.0
 """Of single patches about their wall, before any is seen, and how many this counts like."""
-END_M = 0.1
-"""So near to the ends of a face, points may be of the walls that it meets."""
 MIN_POINTS = 8
 """Of a frame, that tell where a face stands."""
 NEAR_FACTOR = 3.0
 """Points up to this many times the distance of those as drawn are looked at beside them."""
-MAX_OFFSET_M = 0.7
+MAX_OFFSET_M = WALL_MOVED_MOST_M.value
 """Wall further off than this, m, is another wall."""
-AS_DRAWN_M = 0.07
+AS_DRAWN_M = WALL_AS_DRAWN_M.value
 """Wall patches this near to a face as drawn, m, are of that face; what is further is looked at once these are
 known."""
-WITHIN_M = 0.05
+WITHIN_M = WALL_SPREAD_M.value
 """Patches agree on an offset within this, m."""
 MIN_MOVED_PATCHES = 2
 """Patches that must agree on an offset beyond `AS_DRAWN_M`: one alone may be a cupboard."""
-MIN_MOVED_SHARE = 0.6
+MIN_MOVED_SHARE = MIN_SHARE
 """Share of the length of patches, of those as drawn and those that agree, that must agree on such an offset:
 of a wall behind cupboards, some is seen between them."""
-MIN_LENGTH_M = 0.5
+MIN_LENGTH_M = WALL_LENGTH_LEAST_M.value
 """Shorter faces, m, are ends of walls and jambs of doors, and are not judged."""
 MIN_PART_M = 0.2
 """Length of a face, m, that each frame must show of one that hardly any patch is of."""

@@ -15,11 +15,14 @@ from rich.text import Text
 
 from planfit.cli.speech import USUAL, Speech
 from planfit.errors import OutputError, printable
+from planfit.findings.message import FEW_NAMED
 from planfit.scan import Scan, corrupt_frames
 
-_NAMED = 3
+_NAMED = FEW_NAMED
 """So many lines of a list are told in full."""
 _LOG_WIDTH = 160
+SHOWN_FROM_S = 0.05
+"""Stages that took less are left out: with one digit they would be told as 0.0 s."""
 
 
 class Console(RichConsole):

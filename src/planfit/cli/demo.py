@@ -11,7 +11,7 @@ import tyro
 from jaxtyping import Float
 
 from planfit.cli.arguments import Out
-from planfit.cli.console import StageBars, note, out, table
+from planfit.cli.console import SHOWN_FROM_S, StageBars, note, out, table
 from planfit.cli.refine import refine_into, tell_verdict
 from planfit.cli.view import ViewArguments, open_session, serve
 from planfit.errors import OutputError
@@ -92,7 +92,7 @@ def demo_command(arguments: DemoArguments) -> int:
     title = f"{len(scan)} frames, {walked:.0f} m walked through a building with {len(floorplan)} wall faces"
     out.print(table(title, ["", "before", "after"], rows))
     seconds = {"render scan": render_seconds, **result.seconds_by_stage}
-    stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > 0.05]
+    stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > SHOWN_FROM_S]
     out.print()
     out.print(table("time per stage", ["", ""], stages))
     for warning in result.warnings:

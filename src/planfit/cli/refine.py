@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from planfit.cli.arguments import SurveyFlags
-from planfit.cli.console import StageBars, err, note, out, table, tell_scan
+from planfit.cli.console import SHOWN_FROM_S, StageBars, err, note, out, table, tell_scan
 from planfit.cli.refine_inputs import RefineArguments as RefineArguments
 from planfit.cli.refine_inputs import read_plan, read_scans
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
@@ -233,7 +233,9 @@ def summarise_together(folder: Path, result: TogetherResult, seconds: float) -> 
 
 def _tell_seconds(result: RefineResult, seconds: float) -> None:
     """Seconds in all, and of each stage."""
-    stages = ", ".join(f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > 0.05)
+    stages = ", ".join(
+        f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > SHOWN_FROM_S
+    )
     out.print(f"{seconds:.1f} s: {stages}")
 
 

@@ -16,6 +16,7 @@ from planfit.evaluation.truth_cloud import TrueCloud, nearest_neighbours
 from planfit.floorplan import Floorplan
 from planfit.runtime import Runtime, short_repr
 from planfit.scan import Scan
+from planfit.scan.statistics import MAX_FRAMES
 from planfit.segmentation import Structure, WallPatches
 
 
@@ -148,7 +149,7 @@ def layer_metrics(
     return [Metric("double_walls", words, "%", 100 * first.double_share, 100 * last.double_share)]
 
 
-MOM_FRAMES = 60
+MOM_FRAMES = MAX_FRAMES
 """Maximum number of depth maps, evenly spread, that are searched for orthogonal planes."""
 
 MAP_METRICS = {

@@ -25,16 +25,18 @@ from planfit.as_built import (
     opening_words,
     title,
 )
+from planfit.priors import EYE_HEIGHT_M, WALL_HEIGHT_M
 from planfit.runtime import whole_file
 
 AUTHOR = "planfit"
 FIELD_OF_VIEW_DEG = 60.0
 """Most that 2.1 allows."""
-EYE_M, NEAREST_M, WALL_M = 1.6, 2.0, 2.5
-"""Height of the viewpoint over the floor, least distance from the wall, and height of walls in lines."""
+NEAREST_M = 2.0
+"""Least distance of the viewpoint from the wall."""
 _NAMES = uuid.UUID("2a8e5c1e-7a53-4c0c-9d58-0b4c2f6f8a11")
 """Names of topics are made in this space, so that the same wall of the same plan keeps its own."""
 IFC_ID_LENGTH = 22
+"""128 bits, six a character (IfcGloballyUniqueId)."""
 
 
 def write_bcf(
@@ -151,13 +153,13 @@ def _view(as_built: AsBuilt, issue: _Issue, viewpoint: str) -> Element:
     back_m = max(NEAREST_M, 0.5 * length_m / np.tan(np.deg2rad(FIELD_OF_VIEW_DEG / 2)))
     eye = issue.ends.mean(axis=0) + back_m * issue.normal
     camera = SubElement(view, "PerspectiveCamera")
-    _point(camera, "CameraViewPoint", eye[0], eye[1], floor_m + EYE_M)
+    _point(camera, "CameraViewPoint", eye[0], eye[1], floor_m + EYE_HEIGHT_M.value)
     _point(camera, "CameraDirection", -issue.normal[0], -issue.normal[1], 0.0)
     _point(camera, "CameraUpVector", 0.0, 0.0, 1.0)
     SubElement(camera, "FieldOfView").text = f"{FIELD_OF_VIEW_DEG:g}"
     lines = SubElement(view, "Lines")
     for stands in issue.lines:
-        for height in (floor_m, floor_m + WALL_M):
+        for height in (floor_m, floor_m + WALL_HEIGHT_M.value):
             line = SubElement(lines, "Line")
             _point(line, "StartPoint", stands[0, 0], stands[0, 1], height)
             _point(line, "EndPoint", stands[1, 0], stands[1, 1], height)

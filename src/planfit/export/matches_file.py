@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 from planfit.errors import OutputError
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.priors import SURE_SIGMAS
 
 MATCHES = "matches.npz"
 
@@ -56,7 +57,7 @@ MIN_MATCHES = 6
 FLOOR_DEG, FLOOR_M = 0.1, 0.005
 """What all matches of a pair err by together (depth, lens, clock): their number does not average it out."""
 N_REWEIGHTS = 5
-OUTLIER_SIGMAS = 3.0
+OUTLIER_SIGMAS = SURE_SIGMAS.value
 """Matches further off than this lose weight (Cauchy)."""
 
 

@@ -9,11 +9,12 @@ from scipy.sparse.csgraph import connected_components
 
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.matching.verify import MAX_REPROJECTION_PX
 from planfit.scan import Scan
 
 SAME_KEYPOINT_M = 1e-4
 """Matches of one keypoint in several pairs hold the same point, up to how it is stored."""
-MAX_ERROR_PX = 4.0
+MAX_ERROR_PX = MAX_REPROJECTION_PX
 """Observations further off are left out, as COLMAP's filter does."""
 
 

@@ -18,6 +18,9 @@ GIVEN = frozenset(("frames", "which", "are", "first", "last", "runs", "parts"))
 """What words may ask for besides the facts of their kind: its frames ("3, 40-52"; "frames 3, 40-52"; "are"),
 the ends of the first run of them, all runs, the words of its parts."""
 
+FEW_NAMED = 3
+"""Things of one kind that a sentence names one by one; of more it gives the number."""
+
 
 class Severity(StrEnum):
     """What a finding means for who uses the result."""

@@ -1,8 +1,9 @@
 """Findings of what a scan shows, and of its sensor, and their words."""
 
 from planfit.findings.message import Kind, note, warning
+from planfit.priors import VIEW_DISTANCE_M
 
-FAR_M = 3.0
+FAR_M = VIEW_DISTANCE_M.value
 """Distance at which the quadratic part of depth is told in metres."""
 
 

@@ -9,13 +9,14 @@ from jaxtyping import Float, Int
 
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
+from planfit.priors import COLUMN_SIDE_M
 
-MOST_M = 1.5
+MOST_M = COLUMN_SIDE_M.high
 """Columns are no longer than this where the unit is known."""
 MOST_THICKNESSES = 6.0
 """Else than so many thicknesses of the usual wall."""
-_SLIM = 3.0
-"""What is longer than so many times its width is a piece of wall."""
+ELONGATED = 3.0
+"""What is longer than this many times its width is a piece of wall, or a line of one; else a column."""
 _GAP = 0.15
 """Ends of neighbours are apart by less than this share of a column: edges of tones are set one by one."""
 
@@ -93,7 +94,7 @@ def _is_column(
     # Along their main axes: what stands askew has a square box too.
     axes = np.linalg.svd(tips - tips.mean(axis=0), full_matrices=False)[2]
     across = np.ptp(tips @ axes.T, axis=0)
-    if across.max() > _SLIM * across.min():
+    if across.max() > ELONGATED * across.min():
         return False
     from_centre = middle - (tips.min(axis=0) + tips.max(axis=0)) / 2
     if (np.einsum("mi,mi->m", from_centre, normals) <= 0).any():

@@ -13,6 +13,7 @@ NEAR_M = 0.03
 """From the middle of a face to the outline of its element: readers close seams between walls, and simplify
 lines."""
 PARALLEL = 0.99
+"""Cosine between normals of faces that are taken for parallel: 8 degrees."""
 
 
 def element_ids(floorplan: Floorplan) -> tuple[str, ...]:

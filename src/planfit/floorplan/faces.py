@@ -14,8 +14,11 @@ from jaxtyping import Bool, Float, Int, Shaped
 from planfit.compiled import kernel
 from planfit.floorplan.near_lines import possible_partners
 from planfit.geometry import segments
+from planfit.priors import WALL_FACES_APART_M
 
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
+BESIDE_SHARE = 0.3
+"""Share of a line with another beside it from which that may be the other side of its wall."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,9 @@ def _those_beside(
 
 
 def orient_faces(
-    ends: Float[np.ndarray, "n 2 2"], max_thickness_m: float = 0.6, min_thickness_m: float = 0.02
+    ends: Float[np.ndarray, "n 2 2"],
+    max_thickness_m: float = WALL_FACES_APART_M.high,
+    min_thickness_m: float = WALL_FACES_APART_M.low,
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
     """Normals towards the free side, and whether that side is known.
 
@@ -117,8 +122,12 @@ def orient_faces(
     gap_right, overlap_right = _nearest_partner(pairs, pairs.gap < 0, length)
     # The wall is on the side where most of the line has a partner; where both sides have one
     # (a thin cavity between two walls), the nearer partner is the wall.
-    wall_is_left = (overlap_left > 0.3) & ((overlap_right <= 0.3) | (gap_left < 0.7 * gap_right))
-    wall_is_right = (overlap_right > 0.3) & ((overlap_left <= 0.3) | (gap_right < 0.7 * gap_left))
+    wall_is_left = (overlap_left > BESIDE_SHARE) & (
+        (overlap_right <= BESIDE_SHARE) | (gap_left < 0.7 * gap_right)
+    )
+    wall_is_right = (overlap_right > BESIDE_SHARE) & (
+        (overlap_left <= BESIDE_SHARE) | (gap_right < 0.7 * gap_left)
+    )
     is_oriented = wall_is_left ^ wall_is_right
     return np.where(wall_is_left[:, None], -normals, normals), is_oriented
 

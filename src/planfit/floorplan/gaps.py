@@ -11,8 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
+from planfit.priors import DRAWING_ROUNDING_M, WALL_FACES_APART_M
 
-MAX_WALL_M = 0.7
+MAX_WALL_M = WALL_FACES_APART_M.high
 """Both sides of a gap are no further apart."""
 SHORTEST_FACE_M = 0.1
 """Shorter faces are ends of walls and jambs: nothing goes on from them."""
@@ -22,7 +23,7 @@ OVERLAP_SHARE = 0.7
 """Of the wider of two gaps, that lies beside the other where they are both sides of one."""
 CLEAR_M = 0.05
 """Faces that cross the middle of a gap further from its ends than this show that it is none."""
-SAME_CORNER_M = 0.01
+SAME_CORNER_M = DRAWING_ROUNDING_M.value
 """Ends of faces that meet are no further apart."""
 
 

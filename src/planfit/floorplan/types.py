@@ -13,8 +13,6 @@ from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
 from planfit.runtime import short_repr
 
-MAX_THICKNESS_M, MIN_THICKNESS_M = 0.6, 0.02
-"""Of walls drawn as bare segments."""
 SHORTEST_SHARE, LARGEST = 1e-10, 1e5
 """Of the size of a plan, and at most of this one (of what is too large for a building, that is said): what is
 shorter is a point up to rounding, with no direction of its own."""
@@ -229,7 +227,7 @@ class Floorplan:
         if normals is not None:
             across, is_oriented = _given_sides(name, ends, normals[kept])
         elif is_metric:
-            across, is_oriented = orient_faces(ends, MAX_THICKNESS_M, MIN_THICKNESS_M)
+            across, is_oriented = orient_faces(ends)
         else:
             # A thirtieth: lines further apart are single, and their neighbours across a room.
             gap = usual_gap(ends, extent / 30)

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from planfit.priors import BUILDING_SIZE_M
+
 Unit = Literal["auto", "m", "cm", "mm", "in", "ft", "unknown"]
 """What a user may say of a plan's unit."""
 
@@ -11,8 +13,8 @@ METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048
 METRES_PER_FILE_UNIT = {**METRES_PER_UNIT, "dm": 0.1, "yd": 0.9144, "US survey ft": 1200 / 3937}
 """Those, and what only the headers of files name."""
 
-MIN_SIZE_M, MAX_SIZE_M = 1.5, 2000.0
-"""A building is larger than a cupboard and smaller than a town: outside, the unit is another one."""
+MIN_SIZE_M, MAX_SIZE_M = BUILDING_SIZE_M.both
+"""Outside, the unit is another one."""
 
 
 @dataclass(frozen=True)

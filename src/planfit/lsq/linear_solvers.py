@@ -17,6 +17,7 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from planfit.errors import OptionError
 
 _SYMMETRIC_POSITIVE_DEFINITE = 2
+"""Type of matrix `mtype` 2 of MKL PARDISO: real, symmetric, positive definite."""
 _ANALYSE, _FACTORISE_AND_SOLVE = 11, 23
 
 

@@ -24,7 +24,7 @@ Jacobian = Callable[[Float[np.ndarray, "k a 4 4"]], Float[np.ndarray, "k d c"]]
 """Derivatives of the residuals of all rows by the tangents of their poses, c = 6 a."""
 
 STEP = 6e-6
-"""Step of central differences, rad and m: the cube root of the rounding unit, where rounding and the
+"""Step of central differences, rad and m: the cube root of the rounding unit 2.2e-16, where rounding and the
 neglected third derivative are alike."""
 
 

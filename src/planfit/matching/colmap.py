@@ -20,6 +20,7 @@ from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
 
 _MAX_IMAGE_ID = 2_147_483_647
+"""2**31 - 1, as COLMAP has it: two ids are one number of 64 bits in its database."""
 MIN_SHARED = 8
 """Images of a model that share fewer points are no pair: verification would refuse them anyway."""
 

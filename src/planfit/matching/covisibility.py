@@ -16,6 +16,7 @@ from planfit.matching.pair_kernels import covisible_share
 N_POINTS = 24
 """Points of each frame; a share of 24 is known to a tenth, and drift spoils more than that."""
 CHUNK = 100_000
+"""Pairs looked at together: 24 points of 8 bytes each, three coordinates, are 58 MB."""
 MARGIN = 0.15
 """Points this share of the image beyond its border count too: drift of a few degrees moves as much."""
 

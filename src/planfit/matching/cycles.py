@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.types import RelativePoses
+from planfit.priors import SAME_MOTION_SIGMAS
 
-MAX_SIGMAS = 6.0
+MAX_SIGMAS = SAME_MOTION_SIGMAS.value
 """Largest departure of a consistent motion, in sigmas, where sigma is small against a building."""
 CERTAIN_M = 1.2
 """Pairs between whose ends the motion is known to better than this, m (`MAX_SIGMAS` sigmas and the slack),

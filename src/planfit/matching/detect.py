@@ -11,10 +11,11 @@ from jaxtyping import Float, Float32, Int, Real, UInt8
 from planfit.errors import require_choice, require_positive
 from planfit.geometry.camera import Camera
 from planfit.matching.types import Detections, Detector, Keypoints
+from planfit.priors import DEPTH_EDGE_SHARE
 
 MIN_REDUCED = 200
 """Keypoints that SIFT must find in a reduced image; with fewer it looks at the whole one."""
-EDGE_STEP = 0.04
+EDGE_STEP = DEPTH_EDGE_SHARE.value
 """Depth may change by this share of itself within 2 px of a keypoint; more is a depth edge, where the
 measured depth may belong to either side."""
 

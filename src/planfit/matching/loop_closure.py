@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.matching.covisibility import ViewSamples
+from planfit.matching.covisibility import CHUNK, ViewSamples
 from planfit.matching.cycles import (
     CERTAIN_SIGMA_M,
     MAX_SIGMAS,
@@ -38,7 +38,6 @@ REACH = 3
 """Views before and after each end of an accepted loop closure that are looked at."""
 _MIN_COVISIBILITY = 0.25
 """Pairs that should share less are not tried."""
-CHUNK = 100_000
 _CERTAIN_DEG = 5.0
 """A path whose rotation is known less well than this, and its translation as little as rooms allow, is not
 looked for among those that are certain."""

@@ -15,6 +15,7 @@ from planfit.errors import require_positive
 from planfit.matching.covisibility import ViewSamples
 from planfit.matching.pair_kernels import take_within_budget
 from planfit.matching.retrieval import most_similar, similarity_of
+from planfit.priors import SAME_MOTION_SIGMAS
 from planfit.scan.odometry import Odometry
 
 _DRIFT_M = 0.5
@@ -43,7 +44,7 @@ different places are nearer than two that stand together and look apart."""
 RETRIEVED_PER_FRAME = 4
 """Pairs of each frame that are proposed by retrieval: their frame descriptors are alike, wherever drift may
 have put them."""
-MAX_DRIFT_SIGMAS = 6.0
+MAX_DRIFT_SIGMAS = SAME_MOTION_SIGMAS.value
 """Retrieved pairs are proposed only where drift of at most this many sigmas can explain them."""
 
 

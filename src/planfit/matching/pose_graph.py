@@ -8,10 +8,11 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.matching.pair_kernels import most_certain_paths
+from planfit.priors import VIEW_DISTANCE_M
 from planfit.runtime import in_threads
 from planfit.scan.odometry import Odometry
 
-LEVER_M = 3.0
+LEVER_M = VIEW_DISTANCE_M.value
 """A rotation's sigma counts as much as the translation it makes at this distance, where paths are
 compared."""
 

@@ -8,17 +8,18 @@ from jaxtyping import Bool, Float
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching.verify_kernels import agreeing, best_motion, fit_triples, rigid_triples
+from planfit.priors import SURE_SIGMAS
 
 SIGMA_BASE_M = 0.02
 """Standard deviation of a lifted keypoint at no distance, m, each axis."""
 SIGMA_PER_M = 0.01
 """Growth of that sigma with depth."""
-MAX_SIGMAS = 3.0
+MAX_SIGMAS = SURE_SIGMAS.value
 """Distance between two lifted keypoints, in sigmas, up to which they are one point."""
 MAX_REPROJECTION_PX = 4.0
-"""Distance in either image up to which they are one point."""
+"""Distance in either image up to which they are one point: 4 px, as in COLMAP."""
 MIN_INLIERS = 15
-"""Matches that must agree; fewer do so by chance among look-alike textures."""
+"""Matches that must agree, 15 as in COLMAP; fewer do so by chance among look-alike textures."""
 MIN_INLIER_RATIO = 0.2
 """Share of the tentative matches that must agree."""
 ROUNDS = 300

@@ -45,11 +45,12 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import Structure
+from planfit.tracking.pose_units import MIN_DEPARTURE
 
 UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded
 motion whose unit was found by images and depth."""
-UNITS_AGREE = 1.1
+UNITS_AGREE = MIN_DEPARTURE
 """Factor within which two things that say how far depth is off say the same."""
 
 

@@ -32,10 +32,11 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.pipeline.storey_heights import settle_floors
+from planfit.priors import SURE_SIGMAS
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 
-PLAN_OFF_SIGMAS = 3.0
+PLAN_OFF_SIGMAS = SURE_SIGMAS.value
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 MIN_SIGMAS_WITH_PLAN = 2.0
 """Where the plan is believed and the scan does not fit it, depth is corrected from so many standard

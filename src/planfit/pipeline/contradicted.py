@@ -25,8 +25,9 @@ from planfit.pipeline.on_plan import PointsAgainstWalls, ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import placed_by_walls
 from planfit.pipeline.prepare import PreparedScan
+from planfit.priors import DRIFT_SHARE
 
-STRAIN_SHARE = 0.15
+STRAIN_SHARE = DRIFT_SHARE.value
 """A loop that bends a stretch of the recorded motion by more than this share of its length, and by
 `CONTRADICTED_M` at least, is contradicted by it: no tracker loses as much."""
 

@@ -6,6 +6,7 @@ from jaxtyping import Int
 from planfit.adjust import PlanAdjustment, TornStep, moved_wall_findings
 from planfit.alignment import MENDED_BY_WALLS, Alignment
 from planfit.findings import Finding, PlanKind, ResultKind, ScanKind
+from planfit.findings.message import FEW_NAMED
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.validation import Check
@@ -16,7 +17,7 @@ MIN_NEAR_SHARE = {"masks": 0.75, "geometry": 0.5, "learned": 0.5}
 """Share of wall points that should lie near the plan in the end, by where labels come from. Right plans
 leave 0.86 to 1.00 with masks; geometry takes tall furniture for wall and leaves 0.64 to 0.90."""
 
-MAX_TORN_STEPS = 3
+MAX_TORN_STEPS = FEW_NAMED
 """Torn steps that are named one by one."""
 
 

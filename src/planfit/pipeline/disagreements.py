@@ -14,7 +14,9 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import Measurements, PlanAdjustment
 from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
+from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.evaluation import median_match_distance
+from planfit.findings.message import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, Folds, without_fold
@@ -29,9 +31,7 @@ MAX_SUSPECTS = 4
 """Each costs a solve, as long as one of a fold."""
 EASED_M = 0.01
 """What fits better by less than this without a suspect is not told."""
-MAX_EASED = 3
-MIN_PATCHES = 3
-"""Of a wall: with fewer its offset may be an accident."""
+MAX_EASED = FEW_NAMED
 
 Poses = Float[np.ndarray, "k 4 4"]
 Solve = Callable[[Measurements, PlanCorrespondences | None], Poses]

@@ -11,7 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.voting import PATCHES_PER_STRETCH
 from planfit.alignment import Alignment, align
+from planfit.alignment.evidence import MAX_SAMPLES
+from planfit.alignment.plan_scale import CLEAR_GAIN
 from planfit.alignment.refine import AlignmentHypothesis, explained
 from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.floorplan import Floorplan
@@ -28,15 +31,13 @@ from planfit.tracking import Tracking
 from planfit.tracking.breaks import is_far
 from planfit.tracking.types import describe_jump, leaps, size_of
 
-MIN_PATCHES = 16
+MIN_PATCHES = PATCHES_PER_STRETCH
 """Wall patches of a part that is placed by itself; smaller ones stay with the part before."""
 POOR_SCORE, GOOD_SCORE = 0.4, 0.6
 """A part that the plan explains less of than the first, where the scan as a whole is aligned, is in question;
 alone it has to reach the second."""
-NEARLY_AS_GOOD = 0.1
+NEARLY_AS_GOOD = CLEAR_GAIN
 """Of places that explain less than the best by no more, the one with the most usual step to it is taken."""
-MAX_SAMPLES = 2500
-"""Samples of wall that a part is judged by."""
 SIGMA_M, SIGMA_DEG = 0.5, 3.0
 """Of where walls put a part that drift has bent."""
 

@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from planfit.alignment import AlignOptions, WallSamples
 from planfit.alignment import align as search_alignment
+from planfit.alignment.plan_scale import CLEAR_GAIN
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 
@@ -17,7 +18,7 @@ storey is better left without a plan than given one that explains less."""
 AS_NUMBERED = 0.02
 """What a plan gains where its number is that of the storey counted from the lowest one walked: storeys that
 are alike fit alike."""
-SWAPPED_BY = 0.1
+SWAPPED_BY = CLEAR_GAIN
 """By so much more of the wall (mean over storeys) plans fit in another order where they were swapped."""
 MAX_PAIRS = 6
 """Of storeys with plans in any order that are tried: orders grow as the factorial."""

@@ -16,6 +16,7 @@ from jaxtyping import Float
 
 from planfit.adjust import AdjustOptions, build_problem, close_loops
 from planfit.adjust.ceilings import level_middles
+from planfit.adjust.scale import FLAT
 from planfit.pipeline.floor_shape import follow_floor
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
@@ -109,7 +110,7 @@ def refit_floors(
                 cost(refitted_m + step * STEP_M * above) for step in (-1.0, 0.0, 1.0)
             )
             curvature = low + high - 2 * here
-            if curvature <= 1e-9:
+            if curvature <= FLAT:
                 break  # nothing measures the climb
             move_m = float(
                 np.clip(0.5 * STEP_M * (low - high) / curvature, -MAX_MOVE_M, MAX_MOVE_M)

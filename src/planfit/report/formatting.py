@@ -4,6 +4,8 @@ import math
 
 SPACE = "\u00a0"
 MINUS = "\u2212"
+NOTHING = 1e-9
+"""What is smaller is 0 up to rounding."""
 
 
 def length(value: float | None) -> str:
@@ -50,8 +52,8 @@ def change(before: float | None, after: float | None, unit: str) -> str:
     if unit == "share":
         points = round(100 * (after - before)) + 0.0
         return _signed(points, f"{points:+.0f}", "percentage points")
-    if abs(before) < 1e-9:
-        return "unchanged" if abs(after) < 1e-9 else "from zero"
+    if abs(before) < NOTHING:
+        return "unchanged" if abs(after) < NOTHING else "from zero"
     percent = 100 * (after - before) / abs(before)
     return _signed(round(percent) + 0.0, f"{percent:+,.0f}", "%")
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.adjust import PlanAdjustment
+from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
+from planfit.priors import WALL_SPREAD_M
 from planfit.report import formatting
 
-AGREES_WITHIN_M = 0.05
-FEW_PATCHES = 3
+AGREES_WITHIN_M = WALL_SPREAD_M.value
+FEW_PATCHES = MIN_PATCHES
 """With fewer wall patches a face's offset may be an accident."""
 
 

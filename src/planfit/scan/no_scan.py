@@ -3,13 +3,14 @@
 from pathlib import Path
 
 from planfit.errors import ScanError
+from planfit.findings.message import FEW_NAMED
 from planfit.scan.layout import FolderLayout, WholeFile
 from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import has_part
 
 LOOK_AT = 200
 """So many things in a folder are looked at in search of a scan."""
-NAMED = 3
+NAMED = FEW_NAMED
 
 _MESH = (
     "a model or a cloud without its frames",

@@ -20,6 +20,8 @@ forward."""
 UP_Y = np.array([0.0, 1.0, 0.0])
 UP_Z = np.array([0.0, 0.0, 1.0])
 
+ROUNDING = 1e-6
+"""Entries of poses that differ by less from 0 or 1 are those: files keep 6 digits or more."""
 MAX_ENTRY = 1e9
 """Nothing is further from an origin, not even in millimetres around the Earth's axis."""
 
@@ -53,7 +55,7 @@ def check_pose(pose: Float[np.ndarray, "..."], where: str) -> None:
             f"{where}: expected a right-handed pose, found a mirrored one (determinant -1); "
             "check the axes that the poses were exported with"
         )
-    if np.abs(pose[3] - (0, 0, 0, 1)).max() > 1e-6:
+    if np.abs(pose[3] - (0, 0, 0, 1)).max() > ROUNDING:
         raise ScanError(f"{where}: expected the last row 0 0 0 1, found {pose[3].tolist()}")
 
 
@@ -95,7 +97,7 @@ def check_recorded_poses(poses: Float[np.ndarray, "n 4 4"], what: str) -> None:
             np.abs(poses).max(axis=(1, 2)) < MAX_ENTRY
         )
         is_right &= (defect <= MAX_ROTATION_DEFECT) & (np.linalg.det(rotations) >= 0)
-        is_right &= np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) <= 1e-6
+        is_right &= np.abs(poses[:, 3] - (0, 0, 0, 1)).max(axis=1) <= ROUNDING
     for i in np.flatnonzero(~(is_right | is_lost(poses))):
         check_recorded_pose(poses[i], f"{what} {i}")
 
@@ -160,7 +162,7 @@ def tum_poses(
     if values is None or not _is_tum(values):
         values = _tum_line_by_line(content, path)
     # Lines of a tracker that was lost: as if it had written nothing.
-    is_kept = np.isfinite(values).all(axis=1) & (np.abs(values[:, 4:]).max(axis=1) >= 1e-6)
+    is_kept = np.isfinite(values).all(axis=1) & (np.abs(values[:, 4:]).max(axis=1) >= ROUNDING)
     values = values[is_kept]
     if len(values) == 0:
         raise ScanError(f"{path}: expected a TUM trajectory, found no pose")

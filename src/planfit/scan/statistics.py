@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.priors import STEP_AT_VIDEO_RATE_M
 from planfit.runtime import Runtime, cache_key
 from planfit.scan.types import Scan
 
@@ -18,7 +19,7 @@ SAME_SURFACE_SHARE = 0.03
 
 MAX_FRAMES = 60
 POINTS_PER_FRAME = 3000
-JUMP_M, JUMP_DEG = 0.5, 60.0
+JUMP_M, JUMP_DEG = STEP_AT_VIDEO_RATE_M.value, 60.0
 """No step of a walk filmed at video rate comes near these; one at a frame a second, by its size against the
 usual step."""
 MANY = 5.0

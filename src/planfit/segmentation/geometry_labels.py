@@ -3,12 +3,13 @@
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from planfit.priors import SURFACE_TILT_MOST_DEG
 from planfit.scan import Label
 from planfit.segmentation.label_kernels import grow_labels, label_level, label_walls
 from planfit.segmentation.surfaces import Surfaces
 from planfit.segmentation.visibility_map import Submap
 
-MAX_TILT_DEG = 15.0
+MAX_TILT_DEG = SURFACE_TILT_MOST_DEG.value
 """A floor's normal is within this of up, a wall's within this of level."""
 _FLOOR_BAND_M = 0.15
 """Level surfaces within this of the floor's height nearby are floor, of the ceiling's ceiling; leaves

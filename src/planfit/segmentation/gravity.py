@@ -11,10 +11,11 @@ from jaxtyping import Float
 from planfit.geometry.depth_normals import depth_normals
 from planfit.runtime import Runtime, cache_key, short_repr
 from planfit.scan import Scan
+from planfit.scan.statistics import MAX_FRAMES
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""
-_MAX_FRAMES = 60
+_MAX_FRAMES = MAX_FRAMES
 """Frames looked at, spread evenly over the scan."""
 _MAX_TILT_DEG = 40.0
 """The camera is held upright within this on average; it tells floor and ceiling from walls."""

@@ -17,6 +17,7 @@ from planfit.errors import OptionError
 from planfit.segmentation.label_names import label_table
 
 _DEFAULT_SIZE_PX = 512
+"""Side that SegFormer was trained at on ADE20K, 512 px; of models that say none."""
 _IMAGENET_MEAN = (0.485, 0.456, 0.406)
 _IMAGENET_STD = (0.229, 0.224, 0.225)
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.priors import COLUMN_SIDE_M, WALL_LENGTH_LEAST_M
+
 _TOLERANCE_M = 0.04
 """Points within this, plus `_TOLERANCE_PER_M` of their distance, lie on a patch."""
 _TOLERANCE_PER_M = 0.004
@@ -13,6 +15,8 @@ _MAX_PER_FRAME = 8
 """Patches looked for in a frame, largest first."""
 _ROUNDS = 200
 """Random pairs of points tried for each patch."""
+_MIN_BASE_M = 0.2
+"""Nearer pairs of points do not tell the direction of a line."""
 
 
 @dataclass(frozen=True)
@@ -25,8 +29,8 @@ class PatchSize:
     """Shorter patches say little about the direction of their surface."""
 
 
-WALL_PATCH = PatchSize(min_points=60, min_length_m=0.5)
-COLUMN_PATCH = PatchSize(min_points=30, min_length_m=0.15)
+WALL_PATCH = PatchSize(min_points=60, min_length_m=WALL_LENGTH_LEAST_M.value)
+COLUMN_PATCH = PatchSize(min_points=30, min_length_m=COLUMN_SIDE_M.low)
 """A column's side is short."""
 
 
@@ -65,7 +69,10 @@ def _largest_line(xy: np.ndarray, tolerance: np.ndarray, rng: np.random.Generato
     pairs = rng.integers(len(xy), size=(_ROUNDS, 2))
     along = xy[pairs[:, 1]] - xy[pairs[:, 0]]
     length = np.linalg.norm(along, axis=1)
-    pairs, along = pairs[length > 0.2], along[length > 0.2] / length[length > 0.2, None]
+    pairs, along = (
+        pairs[length > _MIN_BASE_M],
+        along[length > _MIN_BASE_M] / length[length > _MIN_BASE_M, None],
+    )
     if len(pairs) == 0:
         return np.zeros(0, dtype=int)
     # All lines against all points in one product: normals (2, r), distances (n, r).

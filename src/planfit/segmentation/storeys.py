@@ -3,15 +3,17 @@
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.priors import STOREY_HEIGHT_M, WORKTOP_HEIGHT_M
+from planfit.segmentation.label_kernels import BIN_M
 from planfit.segmentation.types import NO_STOREY
 
-_BIN_M = 0.1
-_MAX_WORKTOP_M = 1.2
+_BIN_M = BIN_M
+_MAX_WORKTOP_M = WORKTOP_HEIGHT_M.value
 _WITHIN_M = 0.2
 """Floors of one storey lie within this of each other, up and down, where poses drift a little."""
 _STEP_M = 0.25
 """The floor drifts by less than this from one submap to the next."""
-_MIN_STOREY_M = 2.0
+_MIN_STOREY_M = STOREY_HEIGHT_M.low
 """Storeys are at least this far apart; a smaller range of heights is drift, or steps within one."""
 MAX_DRIFT_M = 0.7
 """A frame belongs to a storey whose floor is within this of the floor that it sees."""

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from scipy.ndimage import minimum_filter
 
+from planfit.priors import DEPTH_REACH_M
 from planfit.segmentation.label_kernels import (
     BIN_M,
     CELL_M,
@@ -24,7 +25,7 @@ from planfit.segmentation.label_kernels import (
 _N_BINS = 60
 _BELOW_M = 3.0
 """The map reaches from this far below the mean camera to the same above."""
-_REACH_M = 8.0
+_REACH_M = DEPTH_REACH_M.value
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,13 @@ from jaxtyping import Bool, Float
 from planfit.errors import OptionError
 from planfit.findings import some_ids
 from planfit.floorplan import Floorplan
+from planfit.priors import FLOOR_LEVEL_MOST_M
 from planfit.survey.types import Survey, SurveyAxes
 
 OUTSIDE_SHARE = 0.5
 """A point may lie so far outside of the plan's faces, as a share of their extent: control points stand in
 gardens and on pavements."""
-MAX_FLOOR_HEIGHT_M = 20.0
+MAX_FLOOR_HEIGHT_M = FLOOR_LEVEL_MOST_M.value
 """Heights above the floor are smaller; of a datum of their own, most are larger."""
 UNITS = {
     "millimetres": 1e-3,

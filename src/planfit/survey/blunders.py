@@ -12,12 +12,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.errors import OptionError
+from planfit.priors import DRIFT_SHARE
 from planfit.survey.axes import UNITS
 from planfit.survey.fit import EXPECTED, are_apart, fit_rigid_2d, other_axes
 
 LEAST_M = 0.5
 """Points may be off by so much anyway: marks, depth."""
-DRIFT_SHARE = 0.15
+MAX_DRIFT_SHARE = DRIFT_SHARE.value
 """And by this share of the path between: no tracker loses as much."""
 NEIGHBOURS = 4
 """Points that predict one, the nearest along the path: the further, the more drift explains."""
@@ -128,7 +129,7 @@ def _excess(
     near = np.argsort(path_m, kind="stable")[: min(NEIGHBOURS, len(level) - 1)]
     if len(near) == 0:
         return 0.0
-    allowed = max(LEAST_M, DRIFT_SHARE * float(path_m[near].mean()))
+    allowed = max(LEAST_M, MAX_DRIFT_SHARE * float(path_m[near].mean()))
     z = level[:, 2] - site[:, 2]
     known = near[np.isfinite(z[near])]
     up = abs(z[k] - np.median(z[known])) if len(known) and np.isfinite(z[k]) else 0.0

@@ -9,13 +9,14 @@ from jaxtyping import Float, Int
 from planfit.errors import OptionError
 from planfit.findings import some_ids
 from planfit.geometry.calibration import SensorCalibration
+from planfit.priors import SURVEYED_POINT_SIGMA_M
 from planfit.runtime import short_repr
 
 SurveyAxes = Literal["plan", "file", "map", "site"]
 """Whose axes the points are in: `plan`, x and y as at the rim of `planfit plan PLAN -o plan.png`, z above the
 floor; `file`, the plan file's own; `map`, those that the plan's georeference leads to; `site`, others that
 have nothing to do with a plan."""
-DEFAULT_SIGMA_M = 0.01
+DEFAULT_SIGMA_M = SURVEYED_POINT_SIGMA_M.value
 """Of a point whose file tells none: what a total station or a good GNSS receiver reaches on a site."""
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planfit.priors import SLAB_THICKNESS_M
 from planfit.synth.options import WALKWAY_M, BuildingOptions
 from planfit.synth.rect import Rect
 from planfit.synth.stairs import Stairs, make_stairs
@@ -34,7 +35,7 @@ class BuildingLayout:
 
 
 DOOR_TO_CORNER_M = 0.25
-SLAB_M = 0.3
+SLAB_M = SLAB_THICKNESS_M.high
 """Thickness of the floors between storeys, m."""
 EXTRA_DOOR_SHARE = 0.35
 """Share of the neighbouring rooms, not needed to reach every room, that get a door too. From 4 rooms on there

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.geometry import segments
+from planfit.priors import DOOR_LEAF_THICKNESS_M
 from planfit.synth.box import Box
 from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.layout import BuildingLayout
@@ -16,7 +17,7 @@ from planfit.synth.materials import FABRIC_COLORS, WHITE, WOOD_COLORS, Material
 NEAREST_M, FURTHEST_M = 5.0, 20.0
 """Two posters are further apart than the first, and each is nearer than the second to another."""
 POSTER_SIZE_M = (0.9, 0.7)
-LEAF_THICKNESS_M = 0.04
+LEAF_THICKNESS_M = DOOR_LEAF_THICKNESS_M.low
 
 Clearance = Callable[[Float[np.ndarray, "n 2"]], Float[np.ndarray, " n"]]
 """Distances, m, from points to all that stands in the way."""

@@ -5,13 +5,14 @@ from jaxtyping import Float
 
 from planfit.floorplan.gaps import gaps_in_line
 from planfit.geometry import segments
+from planfit.priors import DOOR_LEAF_USUAL_WIDTH_M, DOOR_OPENING_M
 from planfit.synth.furniture import Piece
 from planfit.synth.lookalikes import LEAF_THICKNESS_M, Clearance, door_leaf
 from planfit.synth.plan_walls import MAX_WALL_M, PlanWalls
 
-DOOR_M = (0.6, 1.4)
+DOOR_M = DOOR_OPENING_M.both
 """Narrowest and widest gap that is a door."""
-_LEAF_M = 0.85
+_LEAF_M = DOOR_LEAF_USUAL_WIDTH_M.value
 """All leaves have one width, so that they look alike."""
 
 

@@ -10,12 +10,13 @@ from jaxtyping import Bool, Float, Int
 from planfit.floorplan import Floorplan
 from planfit.floorplan.faces import Partners, find_partners, line_strings
 from planfit.geometry import segments
+from planfit.priors import DRAWING_ROUNDING_M, WALL_FACES_APART_M
 
-MAX_WALL_M, MIN_WALL_M = 0.7, 0.02
+MIN_WALL_M, MAX_WALL_M = WALL_FACES_APART_M.both
 """Faces that look away from each other are of one wall when they are so far apart."""
-_SAME_M = 0.01
+_SAME_M = DRAWING_ROUNDING_M.value
 """What lies nearer to a face than this, and along it, is that face drawn again."""
-_SHORTEST_M = 0.01
+_SHORTEST_M = DRAWING_ROUNDING_M.value
 
 
 @dataclass(frozen=True)

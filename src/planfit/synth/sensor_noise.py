@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from planfit.priors import DEPTH_EDGE_SHARE
 from planfit.synth.options import (
     CameraOptions,
     DepthNoise,
@@ -12,7 +13,7 @@ from planfit.synth.options import (
     TimeOfFlightNoise,
 )
 
-EDGE_SHARE = 0.04
+EDGE_SHARE = DEPTH_EDGE_SHARE.value
 """Neighbouring depths that differ by more than this share are a depth edge."""
 
 

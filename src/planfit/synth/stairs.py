@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from planfit.priors import SLAB_THICKNESS_M, STAIR_WIDTH_M
 from planfit.synth.box import Box
 from planfit.synth.materials import METAL, WHITE, Color, Material
 from planfit.synth.rect import Rect
@@ -12,12 +13,12 @@ from planfit.synth.rect import Rect
 LANDING_M = 1.6
 """Depth of the landing that the door to the storey is on."""
 HALF_LANDING_M = 1.2
-FLIGHT_M = 1.1
+FLIGHT_M = STAIR_WIDTH_M.value
 GAP_M = 0.1
 """Width of a flight, and between the two."""
 N_TREADS, TREAD_M = 8, 0.27
 """Of each flight; the last step up is onto a landing."""
-_SLAB_M = 0.2
+_SLAB_M = SLAB_THICKNESS_M.low
 
 
 @dataclass(frozen=True)

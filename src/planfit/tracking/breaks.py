@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.priors import STEP_AT_VIDEO_RATE_M
 from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
 from planfit.tracking.motions import (
     MAX_SIGMAS,
@@ -32,7 +33,7 @@ MOST_UNUSUAL = 4.0
 the length of a step counts at most, beside squared sigmas of motions."""
 MAX_CONTRADICTED = 0.4
 """Where a larger share of the motions contradicts the poses, what is broken is no single step."""
-MIN_JUMP_M = 0.5
+MIN_JUMP_M = STEP_AT_VIDEO_RATE_M.value
 """A tracker has jumped where it went astray by at least this; robust losses take care of less."""
 MIN_JUMP_DEG = 8.0
 """Or where it turned astray by at least this."""

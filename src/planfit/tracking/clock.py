@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.findings import Finding, PoseKind
+from planfit.priors import SURE_SIGMAS
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
 from planfit.tracking.noise import FREEDOM, noise_factors
@@ -33,7 +34,7 @@ ConSLAM (0.6 m, half a frame late) the offset is found, but steps read err by 0.
 MAX_SOUGHT_FRAMES = 2.5
 """Largest time between an image and its pose that is sought, in intervals between frames, where
 `TrackingOptions.clock_max_s` is less: for scans with few frames a second or without times."""
-MIN_SIGMAS = 3.0
+MIN_SIGMAS = SURE_SIGMAS.value
 """A time between images and poses is believed from this many standard deviations on."""
 MAX_INTERVALS = 15.0
 """Offsets further off are not searched, however many frames a second there are."""

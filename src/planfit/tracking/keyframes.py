@@ -13,15 +13,14 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
+from planfit.priors import FRAME_RATE_HZ, VIEW_DISTANCE_M
 from planfit.scan.odometry import step_sizes
 from planfit.tracking.lost import REACH
 from planfit.tracking.lost_runs import MAX_SHARE, MIN_FRAMES, is_identity, runs, stands_still
 from planfit.tracking.trajectory import frame_times
 from planfit.tracking.types import Tracking
 
-VIEW_DISTANCE_M = 3.0
-"""What a camera looks at is about so far away: by that, walking blurs an image as much as turning does."""
-UNTIMED_FPS = 30.0
+UNTIMED_FPS = FRAME_RATE_HZ.value
 """Frames a second of a scan without times."""
 STEADIER_SHARE = 0.4
 """Within this last share of the way to the next keyframe, the frame at which the camera moved most slowly
@@ -98,7 +97,7 @@ def _blur(
     length: Float[np.ndarray, " s"], angle: Float[np.ndarray, " s"], dt_s: Float[np.ndarray, " s"]
 ) -> Float[np.ndarray, " n"]:
     """How fast the view changes at each frame, rad/s: the larger of the steps before and after."""
-    speed = (angle + length / VIEW_DISTANCE_M) / np.maximum(dt_s, 1e-6)
+    speed = (angle + length / VIEW_DISTANCE_M.value) / np.maximum(dt_s, 1e-6)
     return np.maximum(np.concatenate([speed[:1], speed]), np.concatenate([speed, speed[-1:]]))
 
 

@@ -9,6 +9,7 @@ from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.verify import match_sigma
+from planfit.priors import SAME_MOTION_SIGMAS
 from planfit.scan.odometry import Odometry
 
 EFFECTIVE_MATCHES = 20.0
@@ -17,7 +18,7 @@ depth and of the clock. With it, motions of ConSLAM depart from true ones by 1.2
 numbers and 2.5 in the ninth decile, where 2.3 and 3.3 would be exact."""
 FLOOR_DEG, FLOOR_M = 0.1, 0.01
 """No measured motion is surer than this, each axis: exposure takes its time, and clocks differ."""
-MAX_SIGMAS = 6.0
+MAX_SIGMAS = SAME_MOTION_SIGMAS.value
 """Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
 MIN_MATCHES_ALONE = 50
 """A measured motion that no other one confirms needs as many matches to correct a step."""

@@ -15,6 +15,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.priors import SURE_SIGMAS
 from planfit.runtime import short_repr
 
 SETTLED = 0.1
@@ -23,7 +24,7 @@ MIN_GAIN_SHARE = 0.004
 """The cost has to fall by this share of itself for each parameter kept (but for the depth's scale).
 Without fault, a parameter alone is worth up to 0.003 on a synthetic flat; 2 % of the focal length 0.005
 (ConSLAM) to 0.1, 5 cm of depth 0.1, 0.01 z^2 0.2."""
-MAX_PRIOR_SIGMAS = 3.0
+MAX_PRIOR_SIGMAS = SURE_SIGMAS.value
 """A departure by more of its prior standard deviations is no calibration: nothing is corrected, and it is
 said. In 7-Scenes' kitchen the principal point would be 17 px off in every part of the walk: colour and
 depth are not registered well there, and correcting both for it takes the error from 0.023 to 0.040 m."""

@@ -300,7 +300,7 @@ def _flattening_distance(space) -> float:
     if len(points) < 2:
         return 0.01
     flat = np.array([(p[0], p[1]) for p in points], dtype=float)
-    flat = flat[np.isfinite(flat).all(axis=1) & (np.abs(flat) < 1e9).all(axis=1)]
+    flat = flat[np.isfinite(flat).all(axis=1) & (np.abs(flat) < ABSURD).all(axis=1)]
     if len(flat) < 2:
         return 0.01
     low, high = np.percentile(flat, [2, 98], axis=0)

@@ -5,10 +5,12 @@ from typing import Any
 
 from ezdxf.document import Drawing as Document
 
+from planfit.findings.message import FEW_NAMED
+
 _BODIES = {"MESH", "3DSOLID", "BODY", "REGION", "SURFACE", "EXTRUDEDSURFACE", "LOFTEDSURFACE"}
 _FLAT = 1e-6
 """A face is upright where its area seen from above is less than this share of its box's diagonal squared."""
-_MOST_NAMED = 3
+_MOST_NAMED = FEW_NAMED
 
 
 def unread_words(document: Document, space: Any) -> tuple[str, ...]:

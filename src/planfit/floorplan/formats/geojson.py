@@ -25,6 +25,7 @@ from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
 from planfit.geometry import segments
+from planfit.priors import BUILDING_USUAL_SIZE_M
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
@@ -38,7 +39,7 @@ _IMDF_PARTS = ("unit", "opening", "level", "fixture")
 MAX_ARCHIVE_BYTES = 200_000_000
 MAX_DEGREES = 0.1
 """Wider than 11 km is no building: the coordinates are no degrees."""
-LIKELY_SIZE_M = 30.0
+LIKELY_SIZE_M = BUILDING_USUAL_SIZE_M.value
 """Of a plan whose unit is unknown; used for tolerances alone."""
 OPENING_MARGIN_M = 0.05
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563

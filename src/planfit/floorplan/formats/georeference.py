@@ -11,6 +11,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.transform import transformed
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
+from planfit.floorplan.vector.drawing import ABSURD
 
 WORLD_SUFFIXES = {
     ".png": (".pgw", ".pngw"), ".jpg": (".jgw", ".jpgw"), ".jpeg": (".jgw", ".jpegw", ".jpgw"),
@@ -25,7 +26,7 @@ _METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
 _GEODETIC_A, _GEODETIC_E2 = 6378137.0, 0.00669437999014
 """WGS84."""
 _DEGREES = 0.05
-"""A building spans less than so many degrees, and none is so small in metres."""
+"""A building spans less than 0.05 degrees of latitude, 5.6 km, and none is so small in metres."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ def _checked(
 ) -> Georeference:
     with np.errstate(invalid="ignore"):
         determinant = float(np.linalg.det(found[:2, :2])) if np.isfinite(found).all() else 0.0
-    if determinant == 0 or np.abs(found).max() > 1e9:
+    if determinant == 0 or np.abs(found).max() > ABSURD:
         raise FloorplanError(
             f"{path}: expected numbers that place a picture on a map, found {found[:2].tolist()}; mend them, "
             "or give --scale and move the file away"

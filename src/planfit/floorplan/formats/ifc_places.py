@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 FARTHEST_M = 1.2e7
-"""Coordinates of projected systems on Earth are smaller: beyond, they are in another unit than claimed."""
+"""Coordinates of projected systems on Earth are smaller (UTM northings end at 10,000 km): beyond, they are in
+another unit than claimed."""
 
 
 SAME_SCALE = 0.01

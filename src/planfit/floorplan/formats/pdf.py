@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.dxf_blocks import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_layers import hidden_layers, layer_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
@@ -32,9 +33,10 @@ MAX_PICTURE_PX = 10_000
 MAX_OPEN_S = 15.0
 MAX_OPEN_BYTES = 2_000_000_000
 """What opening a page may take."""
-MAX_OBJECTS = 2_000_000
+MAX_OBJECTS = MAX_ENTITIES
 """Objects of a page with all its forms drawn out; large plans have some hundred thousand."""
 METRES_PER_POINT = 0.0254 / 72
+"""A point of PDF is 1/72 inch (ISO 32000-1)."""
 _MAX_FORM_DEPTH = 12
 _CANNOT_TELL = 7
 _OPEN_PAGE = f"""

@@ -30,6 +30,7 @@ REACH_CELLS = 2.5
 """A face stands on occupied cells within so many."""
 MIN_FACE_M, MIN_FACE_CELLS = 0.25, 5.0
 UNKNOWN_GREY = 205
+"""What map_saver of ROS writes, of 255, where it knows nothing."""
 GROW_CELLS = 3
 """Free space is taken to go on so far into unknown cells: beams that graze a wall leave those before it."""
 MIN_ROOM_M2 = 1.0

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-_LONG = 3.0
-"""A cell's length is at least this many times its thickness."""
+from planfit.floorplan.columns import ELONGATED
+
 _FATTEST = 1 / 14
 """Walls are thinner than this share of the drawing."""
 _ALIKE_PX = 3
@@ -59,7 +59,7 @@ def find_wall_cells(
     )
     thickness = cells.thickness
     is_wall = (thickness > 1.5) & (thickness < _FATTEST * extent_px)
-    is_wall &= cells.outline / 2 > (_LONG + 1) * thickness
+    is_wall &= cells.outline / 2 > (ELONGATED + 1) * thickness
     is_wall &= ~_are_stacked(cells, 2 * line_px + 2)
     for i in np.flatnonzero(is_wall):
         is_wall[i] = not _is_small_ring(labels, cells, int(i), _SMALL * extent_px)

@@ -9,14 +9,14 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
+from planfit.floorplan.columns import ELONGATED
+from planfit.floorplan.elements import PARALLEL
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import trace_regions
 
-_STRAIGHT = 0.6
+STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
-_LONG = 3.0
-"""A wall by itself is at least this many times as long as it is thick."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _FATTEST = 1 / 9
@@ -74,7 +74,7 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
     )  # fmt: skip
     share = straight / np.maximum(outline, 1e-6)
     is_long = (
-        (reach >= _LONG * thickness) & (share >= _STRAIGHT) & (thickness < _FATTEST * extent_px)
+        (reach >= ELONGATED * thickness) & (share >= STRAIGHT) & (thickness < _FATTEST * extent_px)
     )
     if not (is_given or is_long.any()):
         return Interpretation(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
@@ -262,7 +262,7 @@ def _goes_on(
     is_opposite = own[:, :2] @ own[:, :2].T < -0.9
     if not is_opposite.any():
         return False
-    alike = own[:, :2] @ others[:, :2].T > 0.99
+    alike = own[:, :2] @ others[:, :2].T > PARALLEL
     gap = others[None, :, 3:5] - own[:, None, 3:5]
     off = np.abs(np.sum(gap * others[None, :, :2], axis=2))
     along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + others[None, :, 5]) / 2

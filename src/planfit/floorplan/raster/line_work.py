@@ -7,12 +7,11 @@ import cv2
 import numpy as np
 from jaxtyping import Int, UInt8
 
-_LONG = 3.0
-"""A strip is at least this many times as long as it is wide."""
-_LEAST_LONG_PX = 12
+from planfit.floorplan.columns import ELONGATED
+
 _HATCHED_SHARE = 0.06
 """Hatching covers at least this share of a strip; what crosses an empty strip covers less."""
-_LINE_PX = 12
+LINE_PX = 12
 """Line work along an axis is at least this long; letters and hatching are not."""
 
 
@@ -82,7 +81,7 @@ def find_line_work(lines: UInt8[np.ndarray, "h w"], widest: int) -> LineWork:
 def _along_rows(lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
     """What of a mask belongs to lines along rows, up to a slant of some degrees."""
     thick = cv2.dilate(lines, np.ones((3, 1), np.uint8))
-    long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, _LINE_PX), np.uint8))
+    long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, LINE_PX), np.uint8))
     return long & lines
 
 
@@ -118,7 +117,7 @@ def _strips(gap: Int[np.ndarray, "h w"], widest: int) -> Int[np.ndarray, "h w"]:
     while low <= widest:
         high = min(max(int(1.3 * low), low + 1), widest)
         inside = cv2.inRange(gap, low, high)  # type: ignore[call-overload]
-        length = max(int(_LONG * high), _LEAST_LONG_PX)
+        length = max(int(ELONGATED * high), LINE_PX)
         # Texts and lines that touch a wall break its strip for a pixel or two.
         bridged = cv2.morphologyEx(inside, cv2.MORPH_CLOSE, np.ones((1, 3), np.uint8))
         long = cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, length), np.uint8))

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Shaped
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.columns import ELONGATED
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
@@ -30,8 +31,6 @@ _MOST_CONTACT = 0.3
 """Of its outline, what of a wall that ends at others touches them; of furniture along a wall, a third."""
 _STRAIGHT = 0.7
 """Of its outline, what is straight."""
-_LONG = 3.0
-"""It is at least so many times as long as thick."""
 _ALIKE = 2.0
 """Walls of one style are up to so many times as thick as most of them, or as thin: what differs more is
 furniture, unless it is solid black beside paler walls, as the flat that is sold is among its neighbours."""
@@ -90,7 +89,7 @@ def _walls_beside(
         return nothing
     forms = measure_forms(pieces)
     thickness, outline = forms.thickness, forms.outline
-    is_wall = (forms.reach > _LONG * thickness) & (forms.straight > _STRAIGHT * outline)
+    is_wall = (forms.reach > ELONGATED * thickness) & (forms.straight > _STRAIGHT * outline)
     beside = shapely.intersection(
         shapely.boundary(pieces), shapely.buffer(around, 1.0, join_style="mitre")
     )

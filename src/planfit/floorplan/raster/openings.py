@@ -4,6 +4,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
+from planfit.floorplan.elements import PARALLEL
 from planfit.geometry import segments
 
 _LINE_PX = 2.5
@@ -85,7 +86,7 @@ def _gaps(
     for i, along, some in zip(asked, along_all, near_of, strict=True):
         others = ends[some]
         offset = np.abs((others - ends[i, 0]) @ normals[i]).max(axis=1)
-        same = is_long[some] & (normals[some] @ normals[i] > 0.99) & (offset < _LINE_PX)
+        same = is_long[some] & (normals[some] @ normals[i] > PARALLEL) & (offset < _LINE_PX)
         first = ((others - ends[i, 0]) @ along).min(axis=1)
         later = np.flatnonzero(same & (first > lengths[i] - 1.0))
         if len(later) == 0:

@@ -22,6 +22,7 @@ from planfit.floorplan.raster.choice import choose, with_paler_walls
 from planfit.floorplan.raster.doubts import find_doubts
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import (
+    STRAIGHT,
     Interpretation,
     interpret,
     straight_length,
@@ -59,7 +60,6 @@ _LEAST_WORDS = 4
 """Fewer rows of small marks may be anything: masks of sites have none, a villa without words three."""
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
-_SURELY_STRAIGHT = 0.6
 
 
 def plan_of_picture(
@@ -350,7 +350,7 @@ def _warnings(
     if len(found.storeys) > 1 and not options.storey:
         result.append(storeys_warning(found.storeys))
     is_given = interpretation.candidate.edge == "mask"
-    if not is_given and interpretation.straight_share < _SURELY_STRAIGHT:
+    if not is_given and interpretation.straight_share < STRAIGHT:
         result.append(
             "much that looks like wall was left out, because its form is none: compare the overlay "
             "(-o FILE.png) with the drawing"

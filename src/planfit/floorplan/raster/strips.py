@@ -6,9 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Int, UInt8
 
-from planfit.floorplan.raster.line_work import LineWork, closed
-
-_LEAST_LONG_PX = 12
+from planfit.floorplan.raster.line_work import LINE_PX, LineWork, closed
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,7 @@ class _Strips:
         mask = np.zeros(self.shape, np.uint8)
         mask[self.row[kept], self.column[kept]] = 1
         bridged = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((1, 5), np.uint8))
-        return cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, _LEAST_LONG_PX), np.uint8))
+        return cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, LINE_PX), np.uint8))
 
 
 def _junctions(

@@ -13,8 +13,9 @@ from planfit.floorplan.vector.double_lines import LineFaces
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.openings import TOLERANCE, curve_runs
 from planfit.geometry import segments
+from planfit.priors import DOOR_LEAF_WIDTH_M
 
-RADIUS_M = (0.45, 1.6)
+RADIUS_M = DOOR_LEAF_WIDTH_M.both
 RADIUS_THICKNESSES = (2.5, 25.0)
 """Of leaves where the unit is unknown, in thicknesses of the usual wall."""
 SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)

@@ -26,8 +26,8 @@ from planfit.floorplan.vector.wall_sides import (
     wall_sides,
 )
 from planfit.geometry import segments
+from planfit.priors import WALL_FACES_APART_M, WALL_LINES_APART_LEAST_M
 
-MIN_THICKNESS_M, MAX_THICKNESS_M = 0.03, 0.62
 MAX_OPENING = 25.0
 """Widest opening between parts of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
 MOSTLY = 0.5
@@ -86,7 +86,10 @@ def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[floa
     """Least and most thickness that a wall may have, in the drawing's unit."""
     if metres_per_unit is None:
         return extent / 3000, extent / 25
-    return MIN_THICKNESS_M / metres_per_unit, MAX_THICKNESS_M / metres_per_unit
+    return (
+        WALL_LINES_APART_LEAST_M.value / metres_per_unit,
+        WALL_FACES_APART_M.high / metres_per_unit,
+    )
 
 
 def estimate_thickness(

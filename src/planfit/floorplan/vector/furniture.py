@@ -8,10 +8,11 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
 from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.vector.double_lines import PARALLEL_SINE, Thickness
+from planfit.floorplan.vector.drawing import EDGE
 from planfit.floorplan.vector.wall_sides import sides_with_room
 from planfit.geometry import segments
 
-TOUCHING = 1e-3
+TOUCHING = EDGE
 """Of the drawing's size: lines nearer than this are of one outline."""
 LARGEST = 0.35
 """Of the drawing's size: larger outlines are those of rooms and buildings."""

@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from planfit.findings.plan_kinds import MAX_NAMED
 from planfit.floorplan.vector.layer_lengths import LayerLength
 from planfit.floorplan.vector.layer_names import Role
 
-MOST_NAMED = 6
+MOST_NAMED = MAX_NAMED
 LITTLE = 0.3
 """A layer that is called wall and of which less became faces is questioned."""
 

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from planfit.priors import PATCH_TURN_MOST_DEG
+
 HALF_WIDTH_M = 0.03
 """Points of a line are as near to it, and votes for its offset are counted in steps of this."""
-MAX_ANGLE_DEG = 12.0
+MAX_ANGLE_DEG = PATCH_TURN_MOST_DEG.value
 """Between the normals of a line and of its points."""
 MAX_GAP_M = 0.30
 """A line is cut where its points leave more than this."""

@@ -10,6 +10,7 @@ from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.plans_on_sheet import find_storeys, storey_words
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.drawing import EDGE
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.geometry import segments
 
@@ -18,7 +19,7 @@ SIDE = 1200
 LONGEST_PANE = 0.4
 """Lines longer than this share of the drawing that are no faces join no plans: axes and section lines run
 through all that are on a sheet."""
-THIN = 1e-3
+THIN = EDGE
 """Thickness of a wall drawn as one line, of the drawing's size."""
 
 

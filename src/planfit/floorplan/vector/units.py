@@ -12,10 +12,8 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.units import MAX_SIZE_M, METRES_PER_UNIT, MIN_SIZE_M, choose_unit
 from planfit.floorplan.vector.drawing import Text, VectorDrawing
 from planfit.geometry import segments
+from planfit.priors import BUILDING_LIKELY_SIZE_M, WALL_THICKNESS_M
 
-LIKELY_SIZE_M = (3.0, 400.0)
-LIKELY_THICKNESS_M = (0.07, 0.45)
-"""Of most of the walls of a building; used only to choose between units, and only where one is left."""
 MIN_AGREEING = 3
 AGREEMENT, DIFFERENT = 0.01, 0.03
 """Scales that differ by at most the one agree; lengths that differ by more than the other are two."""
@@ -152,8 +150,8 @@ def _is_likely(size: float, usual_thickness: float | None, scale: float) -> bool
     if usual_thickness is None:
         return False
     return (
-        LIKELY_SIZE_M[0] <= size * scale <= LIKELY_SIZE_M[1]
-        and LIKELY_THICKNESS_M[0] <= usual_thickness * scale <= LIKELY_THICKNESS_M[1]
+        BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
+        and WALL_THICKNESS_M.low <= usual_thickness * scale <= WALL_THICKNESS_M.high
     )
 
 

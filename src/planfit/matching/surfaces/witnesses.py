@@ -9,15 +9,15 @@ from planfit.geometry.calibration import PARAMETERS
 from planfit.matching.cycles import MAX_SIGMAS, by_way_of
 from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
+from planfit.matching.visits import LINK_M
+from planfit.priors import SURE_SIGMAS
 from planfit.scan.odometry import Odometry
 
-LINK_M = 1.5
-"""Revisits whose ends are both within this much of way are of one visit."""
 _SLACK_M = 0.15
 """Departure, rotations by their lever, up to which two revisits of one visit agree, besides their sigmas."""
 _ALIAS_SHARE = 0.15
 """Of a quarter turn: motions off the recorded ones by so nearly one, two or three of them are an alias."""
-AGREE_SIGMAS = 3.0
+AGREE_SIGMAS = SURE_SIGMAS.value
 """Up to which two motions agree, by their own sigmas and the slack."""
 
 

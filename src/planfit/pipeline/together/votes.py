@@ -12,14 +12,15 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.matching import RelativePoses
+from planfit.matching.pairs import VISIT_FRAMES
+from planfit.tracking.submaps import MIN_VOTES
 
 MAX_TILT_DEG, MAX_LIFT_M = 8.0, 0.5
 """A scan that is levelled, floor at 0, does not stand tilted or higher by more: its own drift is less."""
 AGREE_M, AGREE_DEG = 1.0, 8.0
 """Votes that put a camera this near to each other are for one place: either scan has drifted."""
-RUN_FRAMES = 8
+RUN_FRAMES = VISIT_FRAMES
 """Votes of frames of the same two runs of so many keyframes count as one: they share their errors."""
-MIN_VOTES = 3
 MIN_RUNS = 2
 MIN_ADVANTAGE = 2.0
 """The weight of a place over that of the next best. Right and wrong verified pairs of two visits to a

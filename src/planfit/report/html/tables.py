@@ -201,7 +201,7 @@ def _alignment_rows(result: RefineResult) -> list[tuple[str, str]]:
 
 
 def _cost(value: float) -> str:
-    if abs(value) < 1e-9:
+    if abs(value) < formatting.NOTHING:
         return "0"
     return formatting.count(round(value)) if abs(value) >= 100 else f"{value:.3g}"
 

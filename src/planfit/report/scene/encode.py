@@ -31,6 +31,7 @@ _FIRST_POINTS, _LEVEL_POINTS = 40_000, 150_000
 """Of the first level, which even a processor without a GPU draws at once, and of the others: one is unpacked
 within a tenth of a second, during which the page stands still."""
 _STEPS = 65535
+"""2**16 - 1: coordinates are kept in 16 bits."""
 _COLOR_BITS = np.uint8(0xFC)
 """Six bits a channel, which no eye tells from eight in a cloud of dots."""
 

@@ -9,12 +9,11 @@ from jaxtyping import Float
 from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
+from planfit.priors import WALL_HEIGHT_M
 from planfit.report import formatting
 from planfit.report.scene.scene import SceneWall
 from planfit.report.walls import SeenFace, seen_faces
 
-WALL_HEIGHT_M = 2.5
-"""That walls are drawn with: a plan tells none."""
 _MARGIN_M = 3.0
 """Walls further from the scan are left out: a plan may be of a whole campus."""
 _LEAST_LENGTH_M = 0.02
@@ -87,7 +86,7 @@ def _new_walls(as_built: AsBuilt) -> Iterator[SceneWall]:
                 face_idx=-number,
                 ends=wall.ends,
                 normal=wall.normal,
-                heights=(0.0, WALL_HEIGHT_M),
+                heights=(0.0, WALL_HEIGHT_M.value),
                 status="new",
                 title=f"Wall No. {number}, which the plan lacks",
                 rows=(("As built", in_words(wall, as_built.verdict(wall))),),
@@ -115,7 +114,7 @@ def _wall(
         face_idx=face,
         ends=floorplan.ends[face],
         normal=floorplan.normals[face],
-        heights=(floor_m, floor_m + WALL_HEIGHT_M),
+        heights=(floor_m, floor_m + WALL_HEIGHT_M.value),
         status=status,
         title=title,
         rows=rows,

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.poses import poses_at
+from planfit.scan.poses import ROUNDING, poses_at
 
 
 @dataclass
@@ -172,7 +172,7 @@ def _seconds(stamp: Any) -> float:
 
 def _transform(translation: Any, rotation: Any) -> Float[np.ndarray, "4 4"]:
     quaternion = np.array([rotation.x, rotation.y, rotation.z, rotation.w])
-    if np.linalg.norm(quaternion) < 1e-6:
+    if np.linalg.norm(quaternion) < ROUNDING:
         quaternion = np.array([0.0, 0.0, 0.0, 1.0])  # never set by its sender
     return se3.make_transform(
         Rotation.from_quat(quaternion).as_matrix(),

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens, make_camera
+from planfit.scan.poses import ROUNDING
 from planfit.scan.source import FileSource, in_order, read_text
 from planfit.scan.tables import shorten
 
@@ -196,7 +197,7 @@ def _pose(
     wxyz: Sequence[float], translation: Sequence[float], where: str
 ) -> Float[np.ndarray, "4 4"]:
     w, x, y, z = wxyz
-    if not np.isfinite([*wxyz, *translation]).all() or np.linalg.norm(wxyz) < 1e-6:
+    if not np.isfinite([*wxyz, *translation]).all() or np.linalg.norm(wxyz) < ROUNDING:
         raise ScanError(f"{where}: expected a finite pose, found {[*wxyz, *translation]}")
     rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
     return se3.inverse(se3.make_transform(rotation, np.array(translation, dtype=float)))

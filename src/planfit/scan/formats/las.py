@@ -20,6 +20,7 @@ EXPECTED = "a LAS or LAZ file"
 _HEADER_BYTES = 375
 """Of the longest header, that of version 1.4."""
 _HEADER_SIZE_AT = 94
+"""Offset of the size of the header, bytes (ASPRS LAS 1.4, public header block)."""
 _RECORDS = (("records of variable length", 100, 54), ("extended records", 243, 60))
 """What a header counts, at which byte, and how many bytes one takes at least."""
 NOISE = (7, 18)

@@ -16,7 +16,7 @@ from planfit.scan.images.decode import depth_from_metres, read_exr
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
-from planfit.scan.poses import MAX_ENTRY, from_opengl
+from planfit.scan.poses import MAX_ENTRY, ROUNDING, from_opengl
 from planfit.scan.recording import Frame, Size, check_proportions
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
@@ -148,7 +148,7 @@ def _poses(content: dict[str, Any], where: str) -> Float[np.ndarray, "n 4 4"]:
         )
     rows = np.array([number_list(row, 7, f"{where}, pose {i}") for i, row in enumerate(listed)])
     largest = np.abs(rows[:, :4]).max(axis=1)
-    lost = ~(np.abs(rows) < MAX_ENTRY).all(axis=1) | (largest < 1e-6)
+    lost = ~(np.abs(rows) < MAX_ENTRY).all(axis=1) | (largest < ROUNDING)
     if lost.any():
         raise ScanError(f"{where}: expected finite poses, found none in pose {np.argmax(lost)}")
     rotations = Rotation.from_quat(rows[:, :4]).as_matrix()

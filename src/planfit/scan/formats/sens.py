@@ -22,6 +22,7 @@ from planfit.scan.source import MAX_ENTRY_BYTES, PackedSource, fingerprint_of_fi
 from planfit.scan.types import ScanOptions
 
 VERSION = 4
+"""4, the only one that ScanNet published."""
 MAX_NAME_BYTES = 4096
 FIXED = struct.Struct("<64f2i4If")
 """Four matrices, two codes, sizes of colour and depth, stored units a metre."""

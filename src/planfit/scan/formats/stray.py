@@ -11,7 +11,7 @@ from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.images.video import Video
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import SharedLens
-from planfit.scan.poses import MAX_ENTRY, UP_Y
+from planfit.scan.poses import MAX_ENTRY, ROUNDING, UP_Y
 from planfit.scan.recording import Frame, LensOfFrame, Size
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import first_of, shorten
@@ -131,7 +131,7 @@ def _parse_row(line: str, n_columns: int) -> _Row | None:
     if max((abs(v) for v in values[2:] if np.isfinite(v)), default=0.0) >= MAX_ENTRY:
         return None
     pose = values[2:9]
-    if not np.isfinite(pose).all() or max(abs(v) for v in pose[3:]) < 1e-6:
+    if not np.isfinite(pose).all() or max(abs(v) for v in pose[3:]) < ROUNDING:
         pose = LOST
     return _Row(values[0], int(values[1]), pose, words) if values[1] >= 0 else None
 

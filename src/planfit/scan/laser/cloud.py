@@ -24,6 +24,7 @@ CHUNK_POINTS = 1_000_000
 """Points in memory at a time: with coordinates, times and what sorts them, 150 MB."""
 
 WEEK_S = 604_800.0
+"""7 days of 86,400 s."""
 UNIX_OF_GPS_S = 315_964_800.0
 """Unix time of the beginning of GPS time, 6 January 1980."""
 LEAP_S = 18.0

@@ -24,7 +24,7 @@ MIN_POINTS = 300
 MIN_SHARE = 0.1
 """Nor do instants of a smaller share of what most have: those at the ends."""
 MAX_INSTANTS = 500_000
-"""Three days of half seconds: whatever asks for more has a wrong clock."""
+"""Three days of half seconds (518,400): whatever asks for more has a wrong clock."""
 _BYTES = 12
 """Of a point on disk: three of single precision."""
 

@@ -28,7 +28,7 @@ from planfit.scan.tables import shorten
 MAX_GAP_S = 0.2
 """A place is known this near to a recorded one, and between two that are five times as far apart."""
 MIN_NS = 1e15
-"""Times above are nanoseconds: as seconds they would be millions of years."""
+"""Times above are nanoseconds: as seconds they would be 32 million years and more."""
 
 _NAMES = {
     "time": "time t timestamp timestamps gpstime gps_time gps_seconds sec seconds times time_s timestamp_s",

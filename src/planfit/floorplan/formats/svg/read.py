@@ -41,11 +41,10 @@ from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
+from planfit.priors import PAPER_WIDTH_MOST_M
 
 PIXELS_PER_INCH = 96.0
-WIDEST_PAPER_M = 1.6
-"""Rolls of plotters are up to 1.52 m wide: a page whose shorter side is longer is as large as the
-building."""
+"""Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 LIGHT, PAPER, WHITE = 200, 235, 245
 """Of 255, of every colour: paper and floors; paper, tinted and white."""
@@ -136,7 +135,7 @@ def _is_in_true_size(svg: SVG) -> bool:
     if not all(_LENGTH.fullmatch(str(own.get(name, ""))) for name in ("width", "height")):
         return False
     side_px = min(float(str(svg.width)), float(str(svg.height)))
-    return side_px * 0.0254 / PIXELS_PER_INCH > WIDEST_PAPER_M
+    return side_px * 0.0254 / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
 
 
 def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...]]:
