@@ -75,6 +75,13 @@ def test_both_parts_stand_to_each_other_as_they_were(truth, rng):
     assert tracking.odometry.sigma_translation[STEP] == pytest.approx(0.5)
 
 
+def test_no_part_is_put_where_the_walk_would_leap_to(truth, rng):
+    # What the walls show of the second part fits best 4.9 m back, as a room behind a mirror does.
+    seen = truth.copy()
+    seen[STEP + 1 :, 0, 3] -= 4.9
+    assert placed_by_parts(*world(seen, truth, rng), RefineOptions()) is None
+
+
 def test_a_walk_that_fits_stays_as_recorded(truth, rng):
     assert placed_by_parts(*world(truth, truth, rng), RefineOptions()) is None
 

@@ -13,6 +13,7 @@ from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions, breaks, judge_tracking
 from planfit.tracking.motions import MeasuredMotions
+from planfit.tracking.types import without_leaps
 
 USUAL = OdometryOptions()
 
@@ -41,6 +42,25 @@ def test_what_is_not_broken_stays_bit_for_bit(rng):
     assert tracking.warnings == ()
     assert np.array_equal(tracking.world_from_cams, poses)
     assert tracking.sigma_factors[0] < 1.5
+
+
+def test_images_that_show_a_leap_are_not_believed(rng):
+    # Mirrors: what is seen in them fits from frame to frame, as far off as no walk goes in a step.
+    true = walk(rng)
+    mirrored = displaced(true, 40, 79, 6.0, 120.0, rng)
+    poses = tracked(true, rng)
+    tracking = judged(poses, measure(mirrored, rng))
+    assert tracking.breaks == ()
+    assert np.array_equal(tracking.world_from_cams, poses)
+
+
+def test_a_long_step_that_was_recorded_too_is_a_pause(rng):
+    true = walk(rng)
+    paused = displaced(true, 40, 79, 6.0, 20.0, rng)
+    poses = tracked(paused, rng)
+    motions = measure(paused, rng)
+    assert len(without_leaps(motions, poses)) == len(motions)
+    assert len(without_leaps(motions, true)) < len(motions)
 
 
 @settings(max_examples=8, deadline=None)

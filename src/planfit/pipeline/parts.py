@@ -29,7 +29,7 @@ from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking import Tracking
 from planfit.tracking.breaks import is_far
-from planfit.tracking.types import describe_jump, size_of
+from planfit.tracking.types import describe_jump, leaps, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
 """Wall patches of a part that is placed by itself; smaller ones stay with the part before."""
@@ -160,28 +160,28 @@ def _place_of(
     beside: Float[np.ndarray, "4 4"],
     step: int,
 ) -> Float[np.ndarray, "4 4"]:
-    """plan_from_level of a part, next to one that was placed; as recorded where walls do not tell."""
+    """plan_from_level of a part, next to one that was placed; as recorded where walls do not tell.
+
+    No place is believed that the walk would leap to, whatever fits there: a room behind a mirror, 13.7 m off.
+    """
     found = part.alignment
     if found.score < GOOD_SCORE:
         return beside
-    if found.is_sure:
-        return found.plan_from_level
-    poses, usual = (
-        prepared.level_from_keys,
-        usual_step(prepared.measurements.odometry.cam_from_next),
-    )
-    places = [
-        each.plan_from_level
-        for each in found.candidates
-        if each.score > found.score - NEARLY_AS_GOOD
-    ] or [found.plan_from_level]
+    poses, recorded = prepared.level_from_keys, prepared.measurements.odometry.cam_from_next
+    usual = usual_step(recorded)
+    places = [found.plan_from_level]
+    if not found.is_sure:
+        near = [each for each in found.candidates if each.score > found.score - NEARLY_AS_GOOD]
+        places = [each.plan_from_level for each in near] or places
 
-    def unusual(place: Float[np.ndarray, "4 4"]) -> float:
+    def step_to(place: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "1 4 4"]:
         before, after = (beside, place) if step < part.first else (place, beside)
-        between = se3.inverse(before @ poses[step]) @ after @ poses[step + 1]
-        return float(times_usual(between[None], usual)[0])
+        return (se3.inverse(before @ poses[step]) @ after @ poses[step + 1])[None]
 
-    return min(places, key=unusual)
+    walked = [
+        place for place in places if not leaps(step_to(place), recorded[step][None], usual[0])[0]
+    ]
+    return min(walked, key=lambda place: times_usual(step_to(place), usual)[0], default=beside)
 
 
 def _with_jumps(

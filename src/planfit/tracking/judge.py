@@ -42,7 +42,7 @@ from planfit.tracking.trajectory import (
     interpolate_trajectory,
     interpolation_sigmas,
 )
-from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of
+from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of, without_leaps
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
@@ -198,6 +198,7 @@ def judge_tracking(
         OptionError: there is no convention of this name.
     """
     is_at_origin = is_identity(world_from_cams)
+    motions = without_leaps(motions, world_from_cams)
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
     times = frame_times(
         np.arange(float(len(world_from_cams))) if timestamps is None else timestamps

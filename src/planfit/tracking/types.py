@@ -9,9 +9,10 @@ from jaxtyping import Bool, Float, Int
 from planfit.findings import Finding, PoseKind, sentences_of
 from planfit.geometry import se3
 from planfit.runtime import short_repr
-from planfit.scan.odometry import Odometry, usual_step
+from planfit.scan.odometry import USUAL_SHARE, Odometry, usual_step
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
+from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.pose_units import unit_of
 
 
@@ -166,6 +167,27 @@ def leaps(
     change_m = np.linalg.norm(told[:, :3, 3] - recorded[:, :3, 3], axis=1)
     is_long = length_m > max(LEAP * usual_m, LEAP_M)
     return is_long & (change_m > LEAP_CHANGED * recorded_m)
+
+
+def without_leaps(
+    motions: MeasuredMotions, recorded: Float[np.ndarray, "n 4 4"]
+) -> MeasuredMotions:
+    """Motions that a walk can make: none is longer than any over as many frames, but as the recorded one is.
+
+    A camera that turns before a mirror sees rooms behind it that fit each other, 5.8 m from one frame to the
+    next. Where a recording paused the recorded motion is as long; its unit may be another.
+    """
+    i, j = motions.pairs.T
+    span = np.maximum(j - i, 1)
+    told, known = (
+        np.linalg.norm(m[:, :3, 3], axis=1)
+        for m in (motions.a_from_b, se3.inverse(recorded[i]) @ recorded[j])
+    )
+    if len(told) == 0:
+        return motions
+    usual_m, usual = (max(float(np.quantile(m / span, USUAL_SHARE)), 1e-9) for m in (told, known))
+    is_leap = (told > np.maximum(LEAP * usual_m * span, LEAP_M)) & (known <= LEAP * usual * span)
+    return motions[~is_leap]
 
 
 def submaps_of(
