@@ -14,12 +14,12 @@ import numpy as np
 from inputs import CACHE, Case, position_rms_m, real_case, synthetic_case
 from records import Record, median_times
 
-from planfit.adjust.paper.descent import DescentOptions, PaperWeights, descend
+from planfit.adjust.paper.descent import DescentSchedule, PaperWeights, descend
 from planfit.adjust.paper.preset import paper_terms
 from planfit.lsq.solver import Solution, SolverOptions, solve
 
 TOLERANCE_M = 1e-5
-LONGEST = DescentOptions(tolerance=0.0, record_every_steps=1, dtype="float32")
+LONGEST = DescentSchedule(tolerance=0.0, record_every_steps=1, dtype="float32")
 """The whole schedule without a stop test: where the test would have stopped is read off the losses."""
 
 

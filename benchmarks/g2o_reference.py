@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import g2opy as g2o
 import numpy as np
 from gtsam_reference import FLOOR, POINTS, WALLS, Reference, squared_terms
-from planfit.adjust.terms.effective_observations import Weighting
 from problems import Problem
 from virtual_points import virtual_matches, virtual_points
 
@@ -128,20 +127,19 @@ def edges_by_point(problem: Problem) -> list[Edges]:
     """An edge a match and an edge a point on a plane."""
     matches, structure = problem.measurements.matches, problem.measurements.structure
     counts = np.diff(matches.start)
-    weight = np.repeat(Weighting(POINTS.max_observations).weight_per_point(counts), counts)
+    weight = np.repeat(POINTS.weight_per_point(counts), counts)
     pairs = np.repeat(matches.pairs, counts, axis=0)
     information = (weight / matches.sigma.astype(float) ** 2)[:, None, None] * np.eye(3)
     points = matches.points_a.astype(float), matches.points_b.astype(float)
     made = [Edges(pairs[:, 0], pairs[:, 1], *points, information)]
     n = len(structure.floor.start) - 1
     faces = face_planes(problem.floorplan, problem.association.face_idx)
-    for points_cam, start, frames, planes, options in (
+    for points_cam, start, frames, planes, model in (
         (structure.floor.points_cam, structure.floor.start, np.arange(n),
          np.tile(FLOOR_PLANE, (n, 1)), FLOOR),
         (structure.walls.points_cam, structure.walls.start, structure.walls.frame_idx, faces, WALLS),
     ):  # fmt: skip
-        weighting = Weighting(options.max_observations, options.points_per_observation)
-        per_point = weighting.weight_per_point(np.diff(start)) / options.sigma_m**2
+        per_point = model.weight_per_point(np.diff(start)) / model.sigma**2
         made.append(_on_planes(Groups(points_cam, start, frames, planes, per_point), len(
             problem.initial_plan_from_cams)))  # fmt: skip
     return made

@@ -35,7 +35,6 @@ from dataclasses import dataclass, replace
 import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import X
-from planfit.adjust.terms.effective_observations import Weighting
 from problems import Problem
 
 from planfit.adjust.terms.levels import FLOOR_PLANE, floor_term
@@ -89,23 +88,21 @@ def make_graph(problem: Problem, watch: Stopwatch) -> gtsam.NonlinearFactorGraph
     """The factors; not counted in any time."""
     graph = gtsam.NonlinearFactorGraph()
     matches, structure = problem.measurements.matches, problem.measurements.structure
-    information = Weighting(POINTS.max_observations).weight_per_point(np.diff(matches.start))
+    information = POINTS.weight_per_point(np.diff(matches.start))
     for k, (i, j) in enumerate(matches.pairs):
         part = slice(matches.start[k], matches.start[k + 1])
         root = np.sqrt(information[k]) / matches.sigma[part].astype(float)
         points = matches.points_a[part].astype(float), matches.points_b[part].astype(float)
         graph.push_back(_pair_factor(int(i), int(j), *points, root, watch))
     n = len(structure.floor.start) - 1
-    floor = Weighting(FLOOR.max_observations, FLOOR.points_per_observation)
-    walls = Weighting(WALLS.max_observations, WALLS.points_per_observation)
     groups = [
         (structure.floor.points_cam, structure.floor.start, np.arange(n),
-         np.tile(FLOOR_PLANE, (n, 1)), floor, FLOOR.sigma_m),
+         np.tile(FLOOR_PLANE, (n, 1)), FLOOR),
         (structure.walls.points_cam, structure.walls.start, structure.walls.frame_idx,
-         face_planes(problem.floorplan, problem.association.face_idx), walls, WALLS.sigma_m),
+         face_planes(problem.floorplan, problem.association.face_idx), WALLS),
     ]  # fmt: skip
-    for points, start, frames, planes, weighting, sigma_m in groups:
-        root = np.sqrt(weighting.weight_per_point(np.diff(start))) / sigma_m
+    for points, start, frames, planes, model in groups:
+        root = np.sqrt(model.weight_per_point(np.diff(start))) / model.sigma
         for k, frame in enumerate(frames):
             part = points[start[k] : start[k + 1]].astype(float)
             graph.push_back(_plane_factor(int(frame), part, planes[k], root[k], watch))

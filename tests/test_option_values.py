@@ -1,11 +1,11 @@
 """Options that cannot work are refused when they are made, by name."""
 
 import pytest
-from planfit.adjust.terms.effective_observations import Weighting
 
+from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
-from planfit.lsq.robust import Loss
+from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions
 from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import Runtime, whole_number
@@ -18,9 +18,6 @@ from planfit.segmentation import SegmentationOptions
     [
         (Loss, "scale", 0.0),
         (SolverOptions, "max_iterations", 0),
-        (LevelOptions, "sigma_m", 0.0),
-        (WallOptions, "sigma_m", -0.1),
-        (WallOptions, "points_per_observation", 0.0),
         (AlignOptions, "candidate", 0),
         (VerdictOptions, "folds", 1),
         (VerdictOptions, "max_error_m", 0.0),
@@ -34,9 +31,10 @@ def test_value_is_refused_by_name(options, name, value):
         options(**{name: value})
 
 
-def test_weighting_is_refused_too():
-    with pytest.raises(OptionError, match="max_observations"):
-        Weighting(0.0)
+def test_a_model_of_observations_is_refused_too():
+    for name in ("sigma", "max_observations", "points_per_observation"):
+        with pytest.raises(OptionError, match=name):
+            ObservationModel(Loss(LossKind.CAUCHY, 2.0), **{name: 0.0})
 
 
 def test_only_decimal_digits_are_a_whole_number():

@@ -18,7 +18,7 @@ from planfit.adjust import (
 )
 from planfit.adjust.association import Association, AssociationOptions, associate_with_plan
 from planfit.adjust.options import TermOptions
-from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
+from planfit.adjust.paper.descent import DescentSchedule, DescentStop, PaperWeights
 from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, WALLS
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.errors import OptionError, ScanError
@@ -153,10 +153,11 @@ def test_paper_preset_has_no_prior_and_associates_from_both_sides():
     assert (options.floor.weight, options.walls.weight) == (10.0, 0.5)
 
 
-def test_descent_runs_where_asked_for(world, measurements, start):
+def test_descent_runs_where_asked_for(world, measurements, start, monkeypatch):
     pytest.importorskip("torch", reason="PyTorch is not installed (pip install planfit[torch])")
-    short = DescentOptions(max_steps=400, tolerance=0.0)
-    options = replace(paper_options(), method="sgd", descent=short, max_alternations=1)
+    short = DescentSchedule(max_steps=400, tolerance=0.0)
+    monkeypatch.setattr("planfit.adjust.problem.PAPER_SCHEDULE", short)
+    options = replace(paper_options(), method="sgd", max_alternations=1)
     plan_adjustment = adjust_to_plan(measurements, world.floorplan, start, options)
     assert plan_adjustment.solution.stop is DescentStop.LIMIT
     assert plan_adjustment.solution.iterations == 400

@@ -11,12 +11,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import gradient_by_differences, make_world, nudged
 from planfit.adjust.association import Association, AssociationOptions, associate
 from planfit.adjust.paper import descent as sgd
-from planfit.adjust.paper.descent import DescentOptions, DescentStop, PaperWeights
+from planfit.adjust.paper.descent import DescentSchedule, DescentStop, PaperWeights
 from planfit.adjust.paper.preset import paper_terms
 from planfit.errors import OptionError
 from planfit.lsq.solver import SolverOptions, solve
 
-QUICK = DescentOptions(max_steps=300, record_every_steps=50, tolerance=0.0)
+QUICK = DescentSchedule(max_steps=300, record_every_steps=50, tolerance=0.0)
 
 
 def needs_torch():
@@ -128,7 +128,7 @@ def test_tolerance_stops_it_once_the_late_rate_is_reached(inputs, start):
 
 
 def test_the_published_schedule():
-    schedule = DescentOptions()
+    schedule = DescentSchedule()
     assert (schedule.learning_rate, sgd.LATE_LEARNING_RATE) == (1e-3, 1e-4)
     assert (schedule.drop_after_steps, schedule.tolerance) == (20_000, 1e-5)
     assert sgd.MOMENTUM == 0.9

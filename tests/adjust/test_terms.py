@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from planfit.adjust.terms.effective_observations import Weighting
 
 from builders import (
     gradient_by_differences,
@@ -17,7 +16,13 @@ from builders import (
 )
 from planfit.adjust.association import Association, AssociationOptions, associate
 from planfit.adjust.terms.levels import floor_term
-from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, POINTS, WALLS
+from planfit.adjust.terms.observation_models import (
+    FLOOR,
+    ODOMETRY,
+    POINTS,
+    WALLS,
+    ObservationModel,
+)
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.walls import WallTerm
@@ -170,7 +175,8 @@ def test_points_per_observation_thins_small_bundles(name, terms, world, rng):
 
 def test_weighting_counts_effective_observations():
     points = np.array([0, 1, 10, 100])
-    observations = points * Weighting(4.0, 10.0).weight_per_point(points)
+    model = ObservationModel(SQUARED, max_observations=4.0, points_per_observation=10.0)
+    observations = points * model.weight_per_point(points)
     assert_allclose(observations, [0.0, 0.1, 1.0, 4.0])
 
 

@@ -19,7 +19,7 @@ from builders import (
     room_plan,
     twin_nearest,
 )
-from planfit.adjust.terms.nearest import NearestPointOptions, NearestTerm
+from planfit.adjust.terms.nearest import NearestTerm
 from planfit.adjust.terms.observation_models import POINTS, WALLS
 from planfit.adjust.terms.points import PointTerm
 from planfit.errors import OptionError
@@ -46,9 +46,7 @@ def nearest_term(
     patches, floorplan, nearest_to="line", max_distance_m=1.0, oriented=True, **options
 ):
     chosen = replace(WALLS, **{"loss": Loss(LossKind.CAUCHY, 2.0), **options})
-    return NearestTerm(
-        patches, floorplan, chosen, NearestPointOptions(nearest_to, max_distance_m, oriented)
-    )
+    return NearestTerm(patches, floorplan, chosen, nearest_to, max_distance_m, oriented)
 
 
 @pytest.mark.parametrize("nearest_to", TARGETS)
@@ -281,9 +279,9 @@ def test_brings_a_drifted_walk_back(nearest_to, world, rng):
         ("to", "plane"),
     ],
 )
-def test_refuses_options_that_cannot_work(name, value):
+def test_refuses_options_that_cannot_work(name, value, world):
     with pytest.raises(OptionError, match=name):
-        NearestPointOptions(**{name: value})
+        NearestTerm(world.structure.walls, world.floorplan, WALLS, **{name: value})
 
 
 def test_a_plan_of_any_size_fits_the_grid():

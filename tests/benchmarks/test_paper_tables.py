@@ -18,7 +18,7 @@ from paper_tables.variants import (
     VARIANTS,
     setup_digest,
 )
-from planfit.adjust.paper.descent import DescentOptions
+from planfit.adjust.paper.descent import DescentSchedule
 from planfit.errors import OutputError
 from planfit.evaluation import position_errors
 from planfit.lsq.solver import SolverOptions
@@ -76,7 +76,6 @@ def test_the_papers_descent_is_the_papers_cost_by_its_whole_schedule():
     adjust = PAPER_DESCENT.options(0.6).adjust
     assert replace(adjust, method="lm") == options_of("paper/all")
     assert adjust.method == "sgd"
-    assert adjust.descent == DescentOptions()
     keys = [variant.key for variant in DESCENT_VARIANTS]
     assert keys[-1] == PAPER_DESCENT.key
     assert {"paper/all", "default/all", UNADJUSTED.key, TRUE_POSES.key} < set(keys)
@@ -116,9 +115,10 @@ def test_a_descent_is_measured_without_a_verdict(tiny):
 
     def few_steps(adjust):
         assert PAPER_DESCENT.change is not None
-        descent = DescentOptions(drop_after_steps=20, max_steps=40)
-        return replace(PAPER_DESCENT.change(adjust), descent=descent, max_alternations=1)
+        return replace(PAPER_DESCENT.change(adjust), max_alternations=1)
 
+    short = DescentSchedule(drop_after_steps=20, max_steps=40)
+    monkeypatch.setattr("planfit.adjust.problem.PAPER_SCHEDULE", short)
     found = measure(tiny, replace(PAPER_DESCENT, change=few_steps), Runtime())
     none = measure(tiny, UNADJUSTED, Runtime())
     assert set(none.metrics) | {"solve_s", "step_ms"} == set(found.metrics)

@@ -26,7 +26,7 @@ from planfit.adjust.terms.nearest_kernels import (
     sum_correspondences,
 )
 from planfit.adjust.terms.observation_models import ObservationModel
-from planfit.errors import OptionError, require_positive
+from planfit.errors import OptionError, require_choice, require_positive
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import FaceGrid, make_face_grid
 from planfit.lsq.blocks import NormalBlocks
@@ -53,6 +53,7 @@ class NearestTerm:
 
     def __post_init__(self) -> None:
         require_positive(self, "max_distance_m")
+        require_choice(self, "to", "point", "line")
         if not np.isfinite(self.max_distance_m):
             raise OptionError(
                 f"NearestTerm.max_distance_m: expected a finite number, found {self.max_distance_m}"
