@@ -89,7 +89,7 @@ SCANS: tuple[tuple[str, int, bool], ...] = (
     ("open plan, phone", 0, False),
     ("two rooms, phone", 0, True),
 )
-"""Scan, seed of its drift, and whether the plan says its unit. What decides in `CalibrationOptions` was
+"""Scan, seed of its drift, and whether the plan says its unit. What decides in `CalibrationPriors` was
 chosen on ConSLAM's drifts 0 and 3, the flat's drifts 1 and 2, the offices' drifts 1 and 2, and the kitchen's
 drift 0, none of which is here."""
 

@@ -10,7 +10,6 @@ import re
 import textwrap
 import types
 import typing
-from enum import Enum
 from pathlib import Path
 from typing import Any, Literal
 
@@ -56,8 +55,6 @@ def takes(hint: Any) -> str:
         return ""
     if hint in WORDS:
         return WORDS[hint]
-    if isinstance(hint, type) and issubclass(hint, Enum):
-        return "{" + ",".join(member.name.lower() for member in hint) + "}"
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is typing.Literal:
         return "{" + ",".join(str(value) for value in inner) + "}"
@@ -79,8 +76,6 @@ def shown(value: Any) -> str:
         return "none"
     if isinstance(value, bool):
         return "on" if value else "off"
-    if isinstance(value, Enum):
-        return f"`{value.name.lower()}`"
     if isinstance(value, tuple):
         return "`" + " ".join(f"{one}" for one in value) + "`"
     return f"`{value}`"
@@ -155,13 +150,13 @@ def options_page() -> str:
 Everything that can be chosen about `planfit refine` and `planfit align`, with its default. The same names
 work in three places:
 
-    planfit refine SCAN -o OUT --adjust.walls.sigma-m 0.03
+    planfit refine SCAN -o OUT --adjust.walls.weight 2
 
 as a flag, in a TOML file given with `--config` (`-` and `_` are alike; an unknown name is an error),
 
 ```toml
 [adjust.walls]
-sigma_m = 0.03
+weight = 2
 ```
 
 and in Python, as dataclasses:
@@ -169,7 +164,7 @@ and in Python, as dataclasses:
 ```python
 from planfit import RefineOptions
 
-options = RefineOptions().with_("adjust.walls.sigma_m", 0.03)
+options = RefineOptions().with_("adjust.walls.weight", 2)
 ```
 
 A misspelt name is answered with the nearest, a value of another kind is refused where it is given.
@@ -178,10 +173,8 @@ Flags overrule the file, the file overrules `--preset`. Where the preset {others
 default, it is said. `OUT/run.json` and the report hold the values of a run. Options of a term whose weight
 is 0, or that is not chosen, do nothing.
 
-Every robust loss (`...loss.kind`, `...loss.scale`) is one of: `squared`, no outlier is expected; `huber`,
-outliers count no more than inliers at the scale; `cauchy`, they count less the further off they are;
-`geman_mcclure`, they no longer count; `norm`, the unsquared distance, as the paper has it. The scale is in
-multiples of the term's sigma (standard deviation).
+What observations of each term are like (sigmas, robust losses, how many points count as one) is no option:
+`planfit.adjust.terms.observation_models` has these numbers and where they come from.
 
 ## General
 """
@@ -231,8 +224,6 @@ def _known(flag: Flag) -> KnownFlag:
     if flag.path[-1] == "preset":
         return KnownFlag("one", tuple(PRESETS))
     kind = "several" if flag.is_repeated else "one"
-    if isinstance(flag.type, type) and issubclass(flag.type, Enum):
-        return KnownFlag(kind, tuple(member.name.lower() for member in flag.type))
     kinds = (flag.type, *typing.get_args(flag.type))
     literals = [one for one in kinds if typing.get_origin(one) is Literal]
     return KnownFlag(kind, tuple(str(v) for one in literals for v in typing.get_args(one)))

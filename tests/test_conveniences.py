@@ -141,8 +141,7 @@ def test_options_by_name() -> None:
     options = planfit.RefineOptions()
     assert options.with_("adjust.walls.weight", 2).adjust.walls.weight == 2
     assert options.adjust.walls.weight == planfit.RefineOptions().adjust.walls.weight
-    assert options.with_("adjust.walls.loss.kind", "huber").adjust.walls.loss.kind is LossKind.HUBER
-    assert options.with_("adjust.walls.sigma-m", 0.03).adjust.walls.sigma_m == 0.03
+    assert options.with_("odometry.sigma-base-m", 0.03).odometry.sigma_base_m == 0.03
     assert options.with_("align.control_points", ["1,2,3=4,5"]).align.control_points == (
         "1,2,3=4,5",
     )
@@ -170,9 +169,9 @@ def test_presets_are_of_the_right_kinds(preset: str) -> None:
         ("adjust.wals.weight", 2, "did you mean 'adjust.walls.weight'?"),
         ("walls.weight", 2, "did you mean 'adjust.walls.weight'?"),
         ("zzzz", 2, "docs/options.md lists them all"),
-        ("adjust.walls.weight", "2", "WallOptions.weight: expected a number, found '2'"),
+        ("adjust.walls.weight", "2", "TermOptions.weight: expected a number, found '2'"),
         ("adjust.walls.weight", True, "expected a number, found True"),
-        ("adjust.walls.loss.kind", "hubert", "expected one of squared"),
+        ("adjust.cost", "papers", "found 'papers'"),
         ("adjust.walls.weight.x", 1, "found an unknown one"),
         ("seed", 1.5, "RefineOptions.seed: expected a whole number, found 1.5"),
         ("adjust", {"walls": {}}, 'options.with_("adjust.NAME", value)'),

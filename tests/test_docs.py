@@ -40,7 +40,7 @@ EXAMPLES = {
     "01_refine_synthetic": r"after: position error 0\.0\d\d m",
     "02_align_to_plan": r"sure: True.*hypothesis 1: .*hypothesis 2: ",
     "03_read_plans": r"plan\.dxf: .*plan\.json: .*plan\.npy: .*plan\.png: .*looks towards",
-    "04_options_and_losses": r"before: .*after, GEMAN_MCCLURE: .*after, SQUARED: ",
+    "04_options": r"before: .*after, default: .*after, without walls: ",
     "05_evaluate_poses": r"position error.*NSD.*MME.*check wall points",
     "06_own_term": r"with the term: heights 0\.00\d",
     "07_pose_graph": r"2500 poses, 4949 measurements\ncost 1\.39\d+e\+07 before, 7252\.\d+ after",

@@ -3,7 +3,6 @@
 import dataclasses
 import re
 import typing
-from enum import Enum
 from operator import attrgetter
 from typing import Any
 
@@ -147,4 +146,4 @@ def _words(flag: Flag) -> list[str]:
         return [word for one in value for word in (flag.name, str(one))]
     if isinstance(value, tuple):
         return [flag.name, *(str(one) for one in value)]
-    return [flag.name, value.name if isinstance(value, Enum) else str(value)]
+    return [flag.name, str(value)]

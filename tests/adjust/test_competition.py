@@ -97,7 +97,7 @@ def test_a_widened_loss_is_that_of_a_larger_sigma(world, rng):
     association = associate(walls, world.floorplan, poses, 1.0, AssociationOptions())
     options, w = WALLS, 3.0
     wide = WallTerm(walls, world.floorplan, association, options, widths=np.full(len(walls), w))
-    larger = replace(options, sigma_m=w * options.sigma_m, weight=w**2)
+    larger = replace(options, sigma=w * options.sigma, weight=w**2)
     twin = WallTerm(walls, world.floorplan, association, larger)
     moments, cost = wide.reweight(poses)
     expected, expected_cost = twin.reweight(poses)

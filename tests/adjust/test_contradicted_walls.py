@@ -67,7 +67,7 @@ def bent_adjustment(truth, measured, plan, moved_m):
     bent = truth.copy()
     bent[:, 0, 3] += moved_m * np.clip((truth[:, 0, 3] - 2.0) / 2.5, 0.0, 1.0)
     options = AdjustOptions(starts=("aligned",))
-    held = replace(options, moved_wall_sigma_m=0.0)
+    held = replace(options, finds_moved_walls=False)
     return adjust_to_plan(measured, plan, bent, held)
 
 
@@ -124,6 +124,6 @@ def test_where_walls_may_not_have_been_moved_nothing_changes(rng):
     truth, measured = hall(rng, 0.3, has_core=True)
     bent = bent_adjustment(truth, measured, hall_plan(), 0.3)
     held = AdjustOptions()
-    held = replace(held, moved_wall_sigma_m=0.0)
+    held = replace(held, finds_moved_walls=False)
     assert settled(measured, hall_plan(), bent, held) is bent
     assert settled(measured, None, bent) is bent

@@ -38,10 +38,10 @@ def drawn_off(world, offsets_m):
     return displaced(world.floorplan, -np.asarray(offsets_m, dtype=float))
 
 
-def found(world, floorplan, sigma_m=0.3, known=()):
+def found(world, floorplan, known=()):
     walls, poses, chosen = world.structure.walls, world.plan_from_cams, AssociationOptions()
     association = associate(walls, floorplan, poses, 0.35, chosen)
-    return find_moved(walls, association, floorplan, poses, chosen, sigma_m, known=known)
+    return find_moved(walls, association, floorplan, poses, chosen, known=known)
 
 
 def test_a_right_plan_has_no_moved_wall(world):
@@ -91,7 +91,7 @@ def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
     walls, chosen = make_structure(pose[None], (), patches).walls, AssociationOptions()
     association = associate(walls, plan, pose[None], 0.35, chosen)
     with patch.object(moved_walls, "_MAX_MOVED_SHARE", 0.7):
-        moved_m = find_moved(walls, association, plan, pose[None], chosen, 0.3)
+        moved_m = find_moved(walls, association, plan, pose[None], chosen)
     assert np.flatnonzero(np.isfinite(moved_m)).tolist() == [4]
     assert moved_m[4] == pytest.approx(0.4, abs=0.01)
 
@@ -161,7 +161,7 @@ def test_an_offset_below_its_sigma_moves_nothing(world):
 
 def test_moved_walls_stay_unnamed_where_they_are_not_looked_for(world):
     plan = drawn_off(world, [0, 0, 0.15, 0])
-    options = AdjustOptions(moved_wall_sigma_m=0.0)
+    options = AdjustOptions(finds_moved_walls=False)
     assert adjust_to_plan(world.measurements, plan, world.plan_from_cams, options).moved_walls == ()
 
 

@@ -1,6 +1,7 @@
 """Which terms are on: each way to adjust that an option chooses is the one that runs, and it works."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,7 +20,8 @@ from planfit.adjust import (
 from planfit.adjust.association import Association, AssociationOptions, associate_with_plan
 from planfit.adjust.options import TermOptions
 from planfit.adjust.paper.descent import DescentSchedule, DescentStop, PaperWeights
-from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, WALLS
+from planfit.adjust.terms import observation_models
+from planfit.adjust.terms.observation_models import ODOMETRY, WALLS
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
@@ -66,10 +68,9 @@ def test_loops_close_by_the_chosen_term_and_its_loss_narrows(geometric, measurem
     options = AdjustOptions(geometric=geometric, gnc_schedule=(3.0,))
     closed = close_loops(measurements, start, options)
     assert name_of_geometry(closed) == {geometric}
-    chosen = getattr(options, geometric)
-    wide = replace(chosen, loss=replace(chosen.loss, scale=3 * chosen.loss.scale))
     final = closed.target_from_cams
-    expected = costs(measurements, final, replace(options, **{geometric: wide}))[geometric]
+    with patch.dict(observation_models.ROBUST, {geometric: options.model(geometric).widened(3.0)}):
+        expected = costs(measurements, final, options)[geometric]
     assert_allclose(closed.cost_by_term[geometric].after, expected, rtol=1e-9)
 
 
@@ -94,12 +95,10 @@ def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, measureme
     beyond[:, 0, 3] += 3.0  # along the wall, half of it beyond its end
     found = {}
     for strategy in ("iterative", "nearest-point"):
-        options = AdjustOptions(
-            wall_strategy=strategy,
-            wall_distances_m=(4.0,),
-            walls=replace(WALLS, loss=Loss(LossKind.SQUARED)),
-        )
-        plan_adjustment = adjust_to_plan(measurements, first, beyond, options)
+        options = AdjustOptions(wall_strategy=strategy, wall_distances_m=(4.0,))
+        squared = replace(WALLS, loss=Loss(LossKind.SQUARED))
+        with patch.dict(observation_models.ROBUST, walls=squared):
+            plan_adjustment = adjust_to_plan(measurements, first, beyond, options)
         found[strategy] = plan_adjustment.solution.target_from_cams[:, 0, 3].mean()
     assert found["nearest-point"] < found["iterative"] - 0.1
 
@@ -107,7 +106,7 @@ def test_nearest_point_holds_along_a_wall_and_the_others_do_not(world, measureme
 def test_geometry_never_pays_more_than_the_bound(world, measurements, start):
     wide = replace(world.floorplan, ends=world.floorplan.ends * 1.04)
     bound = Allowance()
-    options = AdjustOptions(is_bounded=True, bounded=bound)
+    options = AdjustOptions(is_bounded=True)
     plan_adjustment = adjust_to_plan(measurements, wide, start, options)
     terms = [build_problem(measurements, options, start).geometric]
     least = robust_cost(terms, solve(terms, start, options.solver).target_from_cams)
@@ -149,7 +148,7 @@ def test_paper_preset_has_no_prior_and_associates_from_both_sides():
     assert options.odometry.weight == options.ceiling.weight == options.columns.weight == 0
     assert not options.association.oriented
     assert not options.loops_first
-    assert options.walls.loss.kind is options.points.loss.kind is LossKind.NORM
+    assert options.model("walls").loss.kind is options.model("points").loss.kind is LossKind.NORM
     assert (options.floor.weight, options.walls.weight) == (10.0, 0.5)
 
 
@@ -173,9 +172,9 @@ def test_descent_runs_where_asked_for(world, measurements, start, monkeypatch):
     [
         {"geometric": "rays"},
         {"wall_strategy": "iterative"},
-        {"averaging": "observations"},
+        {"cost": "robust"},
         {"is_bounded": True},
-        {"odometry": ODOMETRY},
+        {"odometry": TermOptions()},
     ],
 )
 def test_descent_refuses_what_it_does_not_minimise(changes):
@@ -188,7 +187,7 @@ def test_descent_refuses_what_it_does_not_minimise(changes):
     [
         ("geometric", "lines"),
         ("wall_strategy", "nearest"),
-        ("averaging", "sum"),
+        ("cost", "sum"),
         ("method", "adam"),
     ],
 )
@@ -198,7 +197,7 @@ def test_unknown_choices_are_refused(name, value):
 
 
 def test_no_term_at_all_is_refused():
-    nothing = replace(FLOOR, weight=0.0)
+    nothing = TermOptions(0.0)
     with pytest.raises(OptionError, match="at least one term"):
         AdjustOptions(
             points=TermOptions(0.0),
@@ -223,7 +222,7 @@ def test_offsets_come_with_their_sigmas(world, measurements):
     ends = world.floorplan.ends.copy()
     ends[2, :, 1] += 0.06  # drawn 6 cm off, away from the room
     drawn = replace(world.floorplan, ends=ends)
-    options = AdjustOptions(walls=replace(WALLS, offset_sigma_m=0.05))
+    options = AdjustOptions(wall_offset_sigma_m=0.05)
     plan_adjustment = adjust_to_plan(measurements, drawn, world.plan_from_cams, options)
     # Its normal looks into the room: the wall stands 6 cm further in than drawn; the scan gives a little.
     assert 0.02 < plan_adjustment.offsets_m[2] < 0.07
@@ -273,7 +272,7 @@ def test_the_problem_tells_its_terms_by_role(world):
     on_plan = build_problem(world.measurements, AdjustOptions(), poses, associated(world, poses))
     assert names(on_plan.terms) == ["points", "floor", "odometry", "walls"]
     assert on_plan.gauge is on_plan.ceiling is on_plan.columns is None
-    offsets = AdjustOptions(walls=replace(WALLS, offset_sigma_m=0.02))
+    offsets = AdjustOptions(wall_offset_sigma_m=0.02)
     problem = build_problem(world.measurements, offsets, poses, associated(world, poses))
     assert names(problem.terms) == ["points", "floor", "odometry", "walls", "wall offsets"]
     assert len(problem.unknowns) == len(poses) + len(world.floorplan)

@@ -122,7 +122,7 @@ def test_moving_world_and_plan_together_changes_no_wall_cost(terms, world, rng):
 
 
 def rebuilt(term, **options):
-    return replace(term, options=replace(term.options, **options))
+    return replace(term, model=replace(term.model, **options))
 
 
 @pytest.mark.parametrize("name", ["points", "floor", "walls", "odometry"])
@@ -141,7 +141,7 @@ def test_weight_multiplies_the_term(name, terms, world, rng):
 def test_sigma_divides_the_residual(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
     term = rebuilt(terms[name], loss=SQUARED)
-    wide = rebuilt(term, sigma_m=2 * term.options.sigma_m)
+    wide = rebuilt(term, sigma=2 * term.model.sigma)
     assert_allclose(wide.reweight(poses)[1], term.reweight(poses)[1] / 4)
 
 

@@ -78,7 +78,7 @@ def test_gradient_is_that_of_the_frozen_and_of_the_robust_cost(nearest_to, kind,
 def test_blocks_are_those_of_the_residuals(nearest_to, world, rng):
     at = nudged(rng, world.plan_from_cams, 1.0, 0.05)
     options = {
-        "sigma_m": 0.1,
+        "sigma": 0.1,
         "loss": SQUARED,
         "max_observations": 1e9,
         "points_per_observation": 1.0,

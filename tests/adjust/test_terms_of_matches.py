@@ -51,7 +51,7 @@ def make_terms(matches, n, **options):
 
 
 def rebuilt(term, **options):
-    return replace(term, options=replace(term.options, **options))
+    return replace(term, model=replace(term.model, **options))
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -48,14 +48,14 @@ def residuals_px(matches, cameras, poses):
 
 def test_cost_is_that_of_projected_points(matches, poses, rng):
     at = nudged(rng, poses, 1.0, 0.05)
-    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=1.0, max_observations=1e9)
+    term = make_term(matches, len(poses), loss=SQUARED, sigma=1.0, max_observations=1e9)
     gap = residuals_px(matches, term.cameras, at)
     assert_allclose(term.reweight(at)[1], 0.25 * np.sum(gap**2))
 
 
 def test_blocks_are_those_of_the_residuals(matches, poses, rng):
     at = nudged(rng, poses, 1.0, 0.05)
-    term = make_term(matches, len(poses), loss=SQUARED, sigma_px=np.sqrt(0.5), max_observations=1e9)
+    term = make_term(matches, len(poses), loss=SQUARED, sigma=np.sqrt(0.5), max_observations=1e9)
 
     def residuals(here):
         return residuals_px(matches, term.cameras, here).ravel()
@@ -75,15 +75,15 @@ def test_the_principal_point_does_not_matter(matches, poses, rng):
     expected = term.reweight(at)[1]
     assert_allclose(replace(term, cameras=shifted).reweight(at)[1], expected)
     finer = tuple(replace(c, fx=2 * c.fx, fy=2 * c.fy) for c in term.cameras)
-    doubled = replace(term, cameras=finer, options=replace(term.options, sigma_px=4.0))
+    doubled = replace(term, cameras=finer, model=replace(term.model, sigma=4.0))
     assert_allclose(doubled.reweight(at)[1], expected)
 
 
 def test_sigma_divides_the_residual(matches, poses, rng):
     at = nudged(rng, poses, 0.5, 0.02)
-    one = make_term(matches, len(poses), loss=SQUARED, sigma_px=1.0).reweight(at)[1]
+    one = make_term(matches, len(poses), loss=SQUARED, sigma=1.0).reweight(at)[1]
     assert_allclose(
-        make_term(matches, len(poses), loss=SQUARED, sigma_px=3.0).reweight(at)[1], one / 9
+        make_term(matches, len(poses), loss=SQUARED, sigma=3.0).reweight(at)[1], one / 9
     )
 
 
@@ -103,7 +103,7 @@ def test_points_behind_the_camera_have_no_weight(matches, poses):
     assert not quadratic.weight[with_second].any()
     assert np.all(quadratic.weight[~with_second] > 0)
     # Each is as far off as the image is wide and high: both cameras have 160 x 120 pixels.
-    assert_allclose(cost, with_second.sum() * 0.25 * 200.0**2 / term.options.sigma_px**2)
+    assert_allclose(cost, with_second.sum() * 0.25 * 200.0**2 / term.model.sigma**2)
     assert_allclose(quadratic.cost(at), 0.0, atol=1e-18)
     blocks = quadratic.normal_blocks(at)
     assert np.isfinite(blocks.blocks).all()

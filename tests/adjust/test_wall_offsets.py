@@ -1,6 +1,7 @@
 """Wall offsets: gradients and blocks against differences, and plans that are a little wrong."""
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from numpy.testing import assert_allclose
 from builders import gradient_by_differences, make_world, nudged
 from planfit.adjust import AdjustOptions, adjust_to_plan
 from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.terms import observation_models
 from planfit.adjust.terms.observation_models import WALLS
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
@@ -91,10 +93,12 @@ def test_a_face_drawn_off_is_found_and_does_not_deform_the_scan(world):
     strain = {}
     for sigma_m in (0.0, 0.05):
         # A loss that does not reject the wall outright, so that it has to go somewhere.
-        walls = replace(WALLS, offset_sigma_m=sigma_m, loss=Loss(LossKind.CAUCHY, 2.0))
-        plan_adjustment = adjust_to_plan(
-            world.measurements, wrong, world.plan_from_cams, AdjustOptions(walls=walls)
-        )
+        walls = replace(WALLS, loss=Loss(LossKind.CAUCHY, 2.0))
+        options = AdjustOptions(wall_offset_sigma_m=sigma_m)
+        with patch.dict(observation_models.ROBUST, walls=walls):
+            plan_adjustment = adjust_to_plan(
+                world.measurements, wrong, world.plan_from_cams, options
+            )
         costs = plan_adjustment.solution.cost_by_term
         strain[sigma_m] = costs["points"].after + costs["odometry"].after
         if sigma_m:
@@ -108,7 +112,7 @@ def test_a_face_drawn_off_is_found_and_does_not_deform_the_scan(world):
 
 def test_a_tight_prior_keeps_faces_where_they_are_drawn(world):
     wrong = moved_plan(world.floorplan, 1, -0.08)
-    options = AdjustOptions(walls=replace(WALLS, offset_sigma_m=1e-4))
+    options = AdjustOptions(wall_offset_sigma_m=1e-4)
     plan_adjustment = adjust_to_plan(world.measurements, wrong, world.plan_from_cams, options)
     assert np.abs(plan_adjustment.offsets_m).max() < 1e-3
 

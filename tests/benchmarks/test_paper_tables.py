@@ -110,7 +110,7 @@ def test_metrics_of_a_variant(tiny):
     assert default.metrics["step_ms"] > 0
 
 
-def test_a_descent_is_measured_without_a_verdict(tiny):
+def test_a_descent_is_measured_without_a_verdict(tiny, monkeypatch):
     pytest.importorskip("torch", reason="PyTorch is not installed (pip install planfit[torch])")
 
     def few_steps(adjust):

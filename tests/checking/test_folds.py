@@ -121,7 +121,7 @@ def test_every_measurement_is_left_to_all_folds_but_one(measurements, folds):
     "options",
     [
         AdjustOptions(),
-        AdjustOptions(averaging="mean"),
+        AdjustOptions(cost="paper"),
         AdjustOptions(geometric="rays"),
         AdjustOptions(wall_strategy="iterative"),
     ],

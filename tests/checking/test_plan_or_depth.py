@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import room_plan
-from planfit.adjust.calibration import SHARED, Calibration, CalibrationOptions
+from planfit.adjust.calibration import PRIORS, SHARED, Calibration
 from planfit.alignment import Alignment, OtherScale
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.calibrate import UNKNOWN_SCALE_SIGMA, plan_prior, plan_vouches_for_depth
@@ -55,7 +55,7 @@ def asked_of_depth(departure, sigma, is_kept=False):
 def test_a_plan_is_believed_where_depth_may_explain_its_scale(
     factor, depth, sigma, is_kept, is_believed, is_taken
 ):
-    priors = CalibrationOptions()
+    priors = PRIORS
     asked = asked_of_depth(depth, sigma, is_kept)
     found, departure = plan_prior(on_plan_scaled(factor, is_taken), asked, priors)
     if is_believed:
@@ -69,9 +69,7 @@ def test_a_plan_is_believed_where_depth_may_explain_its_scale(
 
 
 def test_a_plan_that_fits_as_drawn_is_right():
-    found, departure = plan_prior(
-        on_plan_scaled(1.0), asked_of_depth(0.0, 0.01), CalibrationOptions()
-    )
+    found, departure = plan_prior(on_plan_scaled(1.0), asked_of_depth(0.0, 0.01), PRIORS)
     assert (found.plan_scale_sigma, departure) == (0.0, 0.0)
 
 
@@ -90,17 +88,17 @@ def test_depth_that_the_plan_vouches_for_is_right(corrected_by, factor, is_vouch
     asked = asked_of_depth(np.log(corrected_by), 0.018, is_kept=True)
     asked = replace(asked, sensor=SensorCalibration(depth_scale=corrected_by))
     on_plan = on_plan_scaled(factor, is_taken)
-    assert plan_vouches_for_depth(on_plan, asked, CalibrationOptions()) == is_vouched_for
+    assert plan_vouches_for_depth(on_plan, asked, PRIORS) == is_vouched_for
 
 
 def test_depth_that_was_not_corrected_needs_nobody_to_vouch_for_it():
     asked = asked_of_depth(-0.08, 0.018)
-    assert not plan_vouches_for_depth(on_plan_scaled(0.92), asked, CalibrationOptions())
+    assert not plan_vouches_for_depth(on_plan_scaled(0.92), asked, PRIORS)
 
 
 def test_depth_is_doubted_earlier_where_the_plan_has_no_unit():
     """Else an error of depth becomes one of the plan's scale, and of all positions."""
-    priors = CalibrationOptions()
+    priors = PRIORS
     alignment = Alignment(np.eye(4), 0.9, None, scale_xy=(0.02, 0.02))
     on_plan = ScanOnPlan(room_plan(), np.eye(4), alignment, None)
     found, departure = plan_prior(on_plan, asked_of_depth(0.0, 0.006), priors)

@@ -176,11 +176,15 @@ def test_few_contradicted_visits_are_an_accident():
     [
         (VerdictOptions(), "refined"),
         (VerdictOptions(max_error_m=0.02), "improved"),
-        (VerdictOptions(max_stretch_error_m=0.02), "improved"),
     ],
 )
-def test_thresholds_are_options(options, outcome):
+def test_the_threshold_is_an_option(options, outcome):
     assert judge(make_evidence(), options).outcome == outcome
+
+
+def test_a_stretch_that_may_be_further_off_is_a_reservation(monkeypatch):
+    monkeypatch.setattr("planfit.pipeline.reservations.MAX_STRETCH_ERROR_M", 0.02)
+    assert make_verdict().outcome == "improved"
 
 
 def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against(monkeypatch):
@@ -199,6 +203,7 @@ def test_without_a_plan_more_is_allowed_and_few_visits_say_nothing_against(monke
     assert outcome(True, visits=(apart,)) == "refined"
     assert outcome(True, visits=(apart,) * 3) == "no better"
     monkeypatch.setattr("planfit.pipeline.verdict.ALONE_FACTOR", 1.0)
+    monkeypatch.setattr("planfit.pipeline.reservations.ALONE_FACTOR", 1.0)
     judged = judge(make_evidence(is_alone=True, **error), VerdictOptions())
     assert judged.outcome == "improved"
 

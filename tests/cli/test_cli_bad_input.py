@@ -217,7 +217,7 @@ def test_poses_in_millimetres_are_refused(
         ["--matching.cycle-consistency.max-sigmas", "nan"],
         ["--align.min-score", "nan"],
         ["--adjust.walls.weight", "-1"],
-        ["--verdict.folds", "1"],
+        ["--verdict.max-error-m", "0"],
         ["--segmentation.back-end", "geometry", "--segmentation.geometry.normal-radius-px", "500"],
         ["--workers", "0"],
     ],

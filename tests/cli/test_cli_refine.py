@@ -339,13 +339,13 @@ def test_preset_and_offsets_reach_the_run(
 ) -> None:
     out = tmp_path / "out"
     words = ["refine", str(small_scan), "-o", str(out), *brief, "--preset", "paper"]
-    words += ["--adjust.walls.sigma-m", "0.5", "--align.method", "search"]
+    words += ["--adjust.walls.weight", "0.7", "--align.method", "search"]
     assert run(words) in (0, 1)
     record = json.loads((out / "run.json").read_text())
     adjust = record["options"]["adjust"]
-    assert adjust["averaging"] == "mean"
+    assert adjust["cost"] == "paper"
     assert adjust["odometry"]["weight"] == 0
-    assert adjust["walls"]["sigma_m"] == 0.5  # flags come after the preset
+    assert adjust["walls"]["weight"] == 0.7  # flags come after the preset
     assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
     words = ["refine", str(small_scan), "-o", str(out), *brief, "--overwrite"]
     assert run([*words, "--adjust.walls.offset-sigma-m", "0.03"]) == 0

@@ -57,8 +57,8 @@ def refusal(words: Sequence[str], capsys: pytest.CaptureFixture[str]) -> str:
         ("refine SCAN -o OUT --candidate two", ["--candidate: expected a whole number", "'two'"]),
         ("refine SCAN -o OUT --tag_size_m x", ["--tag-size-m: expected a number", "'x'"]),
         (
-            "refine SCAN -o OUT --adjust.points.loss.kind cauchi",
-            ["--adjust.points.loss.kind: ", "squared, huber", "'cauchi'", "did you mean 'cauchy'?"],
+            "refine SCAN -o OUT --adjust.cost robusst",
+            ["--adjust.cost: ", "robust, paper", "'robusst'", "did you mean 'robust'?"],
         ),
         ("refine SCAN -o OUT --survey-axes mop", ["--survey-axes", "did you mean 'map'?"]),
         (

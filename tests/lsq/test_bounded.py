@@ -32,7 +32,7 @@ def disagreeing(world, weight=1.0):
     poses, structure = world.plan_from_cams, world.structure
     association = associate(structure.walls, world.floorplan, poses, 0.5, AssociationOptions())
     options = replace(
-        WALLS, weight=weight, sigma_m=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_observations=4.0
+        WALLS, weight=weight, sigma=0.05, loss=Loss(LossKind.CAUCHY, 2.0), max_observations=4.0
     )
     walls = WallTerm(structure.walls, room_plan(6.4, 4.2), association, options)
     return [floor_term(structure, FLOOR), walls]
@@ -117,21 +117,21 @@ def start_of(result):
 
 def cost_of_larger_residuals(term, poses, factor):
     """Residual by residual: the cost of a points term, were all its residuals `factor` times as large."""
-    matches, options, total = term.matches, term.options, 0.0
+    matches, model, total = term.matches, term.model, 0.0
     for k, (i, j) in enumerate(matches.pairs):
         n = matches.start[k + 1] - matches.start[k]
         for row in range(matches.start[k], matches.start[k + 1]):
             a = poses[i, :3, :3] @ matches.points_a[row] + poses[i, :3, 3]
             b = poses[j, :3, :3] @ matches.points_b[row] + poses[j, :3, 3]
             r = factor * np.linalg.norm(a - b) / matches.sigma[row]
-            c = options.loss.scale
+            c = model.loss.scale
             rho = {
                 LossKind.SQUARED: r**2,
                 LossKind.HUBER: r**2 if r < c else 2 * c * r - c**2,
                 LossKind.CAUCHY: c**2 * np.log1p((r / c) ** 2),
                 LossKind.NORM: 2 * (np.hypot(r, c) - c),
-            }[options.loss.kind]
-            total += 0.5 * options.weight * min(n, options.max_observations) / n * rho
+            }[model.loss.kind]
+            total += 0.5 * model.weight * min(n, model.max_observations) / n * rho
     return total
 
 

@@ -158,7 +158,7 @@ def test_a_gpu_that_is_not_there_is_refused(rng):
     [
         {"geometric": "rays"},
         {"wall_strategy": "iterative"},
-        {"walls": replace(WALLS, offset_sigma_m=0.02)},
+        {"wall_offset_sigma_m": 0.02},
     ],
 )
 def test_terms_that_do_not_run_on_a_gpu_are_refused(changes):

@@ -180,24 +180,20 @@ def test_a_device_of_its_own_choice_gives_the_same_keypoints_as_cpu(models):
     grey = np.random.default_rng(0).integers(0, 256, (120, 160), dtype=np.uint8)
     found = []
     for device in ("cpu", "auto"):
-        options = KeypointOptions(
-            kind="superpoint", weights=str(models / "superpoint"), device=device
-        )
-        found.append(make_detector(options)(grey, None))
+        options = KeypointOptions(kind="superpoint", weights=str(models / "superpoint"))
+        found.append(make_detector(options, device)(grey, None))
     assert len(found[0].uv) > 50
     assert np.array_equal(found[0].uv, found[1].uv)
 
 
 @needs_libraries
 def test_no_such_device(models):
-    options = KeypointOptions(
-        kind="superpoint", weights=str(models / "superpoint"), device="abacus"
-    )
+    options = KeypointOptions(kind="superpoint", weights=str(models / "superpoint"))
     with pytest.raises(
         OptionError,
-        match=r"matching.keypoints.device: expected auto, cpu or a GPU .* found 'abacus'",
+        match=r"matching.device: expected auto, cpu or a GPU .* found 'abacus'",
     ):
-        make_detector(options)
+        make_detector(options, "abacus")
 
 
 def test_no_library(monkeypatch):

@@ -12,13 +12,11 @@ from scipy.spatial import KDTree
 
 from builders import CAMERA, look
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict
-from planfit.errors import OptionError
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report.html.page import make_report
 from planfit.report.html.view_section import view_data
-from planfit.report.options import ReportOptions
 from planfit.report.scene.encode import REACH_M, quantise, tile_frames
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints
@@ -330,9 +328,3 @@ def test_a_scan_of_which_nothing_is_placed_still_makes_a_page():
     )
     _, points = decode(view_of(replace(scene, points=none)))
     assert points == []
-
-
-@pytest.mark.parametrize("values", [{"max_points": 0}, {"max_pictures": -1}])
-def test_options_that_cannot_work_are_refused(values):
-    with pytest.raises(OptionError, match=next(iter(values))):
-        ReportOptions(**values)

@@ -12,13 +12,15 @@ from numpy.testing import assert_allclose
 import planfit
 from builders import make_world
 from planfit.adjust import left_out
+from planfit.adjust.terms import observation_models
 from planfit.export.tables import survey_record, write_survey
 from planfit.findings import SurveyKind
+from planfit.lsq.robust import SQUARES
 from planfit.report.html.certainty_section import disagreement_section
 from planfit.report.html.registration_section import survey_section
 from surveyed import observed, scan_at, survey_of
 
-QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"]).with_("verdict.folds", 2)
+QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"])
 N = 12
 POINTS = range(0, N, 2)
 
@@ -98,11 +100,12 @@ def test_two_wrong_points_are_both_named(walk):
 def test_points_drawn_along_are_not_named(walk, monkeypatch):
     """With a squared loss, and no plan, a wrong point draws all others to itself: residuals of the fit are
     large all over, and of single points left out those beside it are, too."""
-    wide = QUICK.with_("adjust.control.loss.kind", "squared")
+    squared = replace(observation_models.CONTROL, loss=SQUARES)
+    monkeypatch.setitem(observation_models.ROBUST, "control", squared)
     _, scan, seen, survey = walk
     survey = replace(moved(survey, 2, (0.3, 0.0, 0.0)), axes="site")
     monkeypatch.setattr(left_out, "CONTRADICTED_SIGMAS", 4.0)
-    result = planfit.refine(scan, None, wide, observations=seen, survey=survey)
+    result = planfit.refine(scan, None, QUICK, observations=seen, survey=survey)
     points = result.survey.points
     assert sum(p.left_out_sigmas > left_out.CONTRADICTED_SIGMAS for p in points) > 1
     assert [p.id for p in points if p.is_contradicted] == ["C4"]

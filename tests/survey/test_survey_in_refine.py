@@ -42,7 +42,7 @@ def corridor():
 
 
 # One start and few folds: what control points do is the same from each, and the tests stay short.
-QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"]).with_("verdict.folds", 2)
+QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"])
 
 
 def refined(world, survey=None, plan=True, options=QUICK):

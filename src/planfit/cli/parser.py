@@ -6,17 +6,14 @@ import io
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import tyro
-from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
 from planfit.cli.commands import COMMANDS_BY_NAME, KnownFlag, looks_like_flag, plain_name
 from planfit.cli.config import configured, words_behind
 from planfit.errors import OptionError, did_you_mean
-from planfit.runtime import choices_of, member_of
 
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "text"}
 """What tyro calls kinds of values, in words."""
@@ -45,7 +42,6 @@ def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
                 args=list(argv),
                 default=tyro.MISSING_NONPROP if default is None else default,
                 use_underscores=False,
-                registry=_registry(),
             )
     except SystemExit as stop:
         if not stop.code:  # help was printed
@@ -53,27 +49,6 @@ def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
     # Without the rules that frame it.
     words = " ".join(word for word in said.getvalue().split() if any(map(str.isalnum, word)))
     raise OptionError(f"{_Line(prog, argv).name}: expected other words, found these: {words}")
-
-
-def _registry() -> ConstructorRegistry:
-    """Named choices, such as losses: shown in lower case, as the TOML files write them; any case is taken."""
-    rules = ConstructorRegistry()
-    rules.primitive_rule(_rule)
-    return rules
-
-
-def _rule(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec | None:
-    kind = info.type
-    if not (isinstance(kind, type) and issubclass(kind, Enum)):
-        return None
-    # Not as tyro's own choices: those are compared letter by letter.
-    return PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="{" + ",".join(choices_of(kind)) + "}",
-        instance_from_str=lambda words: member_of(kind, words[0]),
-        is_instance=lambda value: isinstance(value, kind),
-        str_from_instance=lambda member: [member.name.lower()],
-    )
 
 
 @dataclass(frozen=True)

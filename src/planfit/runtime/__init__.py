@@ -20,9 +20,7 @@ from planfit.runtime.mapped import map_rows as map_rows
 from planfit.runtime.mapped import row_parts as row_parts
 from planfit.runtime.mapped import taken as taken
 from planfit.runtime.option_values import Changeable as Changeable
-from planfit.runtime.option_values import choices_of as choices_of
 from planfit.runtime.option_values import kind_words as kind_words
-from planfit.runtime.option_values import member_of as member_of
 from planfit.runtime.option_values import options_of as options_of
 from planfit.runtime.option_values import require_kinds as require_kinds
 from planfit.runtime.option_values import whole_number as whole_number

@@ -5,7 +5,6 @@ import math
 import types
 import typing
 from collections.abc import Mapping
-from enum import Enum
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
@@ -92,31 +91,11 @@ def require_kinds(options: Any) -> None:
             require_kinds(value)
 
 
-def choices_of(kind: type[Enum]) -> dict[str, Enum]:
-    """Members by their names as they are shown."""
-    return {member.name.lower(): member for member in kind}
-
-
-def member_of(kind: type[Enum], word: str) -> Enum:
-    """The member that a word names, in any case, `-` and `_` alike.
-
-    Raises:
-        ValueError: there is none of this name.
-    """
-    choices = choices_of(kind)
-    name = word.lower().replace("-", "_")
-    if name not in choices:
-        raise ValueError(f"expected one of {', '.join(choices)}, found {word!r}")
-    return choices[name]
-
-
 def _with(options: Any, path: list[str], value: Any, where: str) -> Any:
     head, *rest = path
     before = getattr(options, head)
     if rest:
         after = _with(before, rest, value, where)
-    elif isinstance(before, Enum) and isinstance(value, str):
-        after = _converted(before, value, f"{where}: ")
     elif isinstance(before, tuple) and isinstance(value, list):
         after = tuple(value)
     else:
@@ -131,11 +110,6 @@ def _converted(default: Any, value: Any, where: str) -> Any:
         if not isinstance(value, dict):
             raise OptionError(f"{where}expected a table of options, found {_shortened(value)}")
         return options_of(value, default, where)
-    if isinstance(default, Enum):
-        try:
-            return member_of(type(default), str(value))
-        except ValueError as error:
-            raise OptionError(f"{where}{error}") from error
     if isinstance(default, tuple) and isinstance(value, list):
         # An empty default tells no kind; the only such options hold text.
         return tuple(_converted(default[0] if default else "", item, where) for item in value)

@@ -11,9 +11,8 @@ from numpy.testing import assert_allclose
 from builders import nudged
 from faulty_sensors import make_sensor_world, with_points
 from planfit.adjust.calibration import (
-    NOT_CALIBRATED,
     SHARED,
-    CalibrationOptions,
+    CalibrationPriors,
     corrected_measurements,
     estimate,
 )
@@ -22,7 +21,7 @@ from planfit.errors import OptionError
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
-KNOWN_PLAN = CalibrationOptions(plan_scale_sigma=0.0)
+KNOWN_PLAN = CalibrationPriors(plan_scale_sigma=0.0)
 FAULTS = {
     "depth_scale": 1.04,
     "depth_offset_m": -0.05,
@@ -115,7 +114,7 @@ def test_what_is_corrected_already_stays_where_the_evidence_asks_for_it(world):
 def test_a_plan_whose_scale_is_free_says_nothing_of_the_metre(world):
     """Recorded steps do, as well as they are known to."""
     faulty = with_sure_steps(world.measured_by(SensorCalibration(depth_scale=1.04)))
-    free = CalibrationOptions(plan_scale_sigma=0.05, odometry_scale_sigma=0.003)
+    free = CalibrationPriors(plan_scale_sigma=0.05, odometry_scale_sigma=0.003)
     by_plan, by_steps = found_in(faulty, KNOWN_PLAN), found_in(faulty, free)
     by_none = found_in(faulty, replace(free, odometry_scale_sigma=0.05))
     assert by_steps.sensor.depth_scale == pytest.approx(1.04, abs=3 * by_steps.sigmas[0])
@@ -129,7 +128,7 @@ def test_on_a_plan_whose_scale_was_fitted_to_wrong_depth_recorded_steps_tell_the
     poses[:, :3, 3] /= scale
     ties = replace(faulty.ties, floorplan=faulty.ties.floorplan.scaled(1 / scale))
     fitted = replace(faulty, plan_from_cams=poses, ties=ties)
-    found = found_in(fitted, CalibrationOptions(plan_scale_sigma=0.05))
+    found = found_in(fitted, CalibrationPriors(plan_scale_sigma=0.05))
     assert found.kept == ("depth_scale",)
     assert_allclose(found.sensor.depth_scale, scale, atol=3 * found.sigmas[0])
 
@@ -146,17 +145,11 @@ def test_on_a_plan_whose_scale_was_fitted_to_wrong_depth_recorded_steps_tell_the
         ({"min_sigmas": 1e4}, "depth_scale"),
     ],
 )
-def test_options_hold_what_they_say(world, change, name):
+def test_priors_hold_what_they_say(world, change, name):
     undone_by = SensorCalibration(**{name: FAULTS[name]})
     found = found_in(world.measured_by(undone_by), replace(KNOWN_PLAN, **change))
     assert name not in found.kept
     assert getattr(found.sensor, name) == getattr(NOMINAL, name)
-
-
-def test_switched_off_it_looks_for_nothing(world):
-    off = replace(KNOWN_PLAN, is_on=False)
-    faulty = world.measured_by(SensorCalibration(depth_scale=1.04))
-    assert found_in(faulty, off) is NOT_CALIBRATED
 
 
 def test_no_more_rounds_than_asked_for(world):
@@ -223,9 +216,9 @@ def test_long_steps_join_frames_that_are_far_apart_and_long_enough_ones_stay(rng
     "change",
     [{"min_sigmas": 0.0}, {"max_rounds": 0}],
 )
-def test_options_that_cannot_work_are_refused(change):
+def test_priors_that_cannot_work_are_refused(change):
     with pytest.raises(OptionError, match=next(iter(change))):
-        CalibrationOptions(**change)
+        CalibrationPriors(**change)
 
 
 def one_frame(rng):
@@ -293,7 +286,7 @@ def test_where_nothing_can_be_told_nothing_is_corrected(rng, make, walls):
         plan_from_cams=recorded,
         measurements=replace(world.measurements, odometry=odometry),
     )
-    found = found_in(world, CalibrationOptions(), walls)
+    found = found_in(world, CalibrationPriors(), walls)
     assert finite(found)
     assert found.sensor.is_nominal
     assert found.kept == ()

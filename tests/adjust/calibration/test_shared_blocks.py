@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from builders import nudged
 from faulty_sensors import make_sensor_world, with_points
-from planfit.adjust.calibration import SHARED, CalibrationOptions
+from planfit.adjust.calibration import PRIORS, SHARED
 from planfit.adjust.calibration.blocks import HALF, ODOMETRY, PLAN, S, shared_blocks
 from planfit.adjust.calibration.reduced import shared_step
 from planfit.adjust.terms.levels import LevelTerm
@@ -71,7 +71,7 @@ def residuals_of(term, poses, shared, base=NOTHING):
                     *(moved / term.odometry.sigma_translation[k]),
                 ]
             )
-        return np.array(rows), np.full(len(steps), term.options.weight), term.options.loss
+        return np.array(rows), np.full(len(steps), term.model.weight), term.model.loss
     groups = term.groups
     counts = np.diff(groups.start)
     weights = np.repeat(groups.weight_per_point, counts)
@@ -368,7 +368,7 @@ def test_the_gradient_of_motions_by_surfaces_is_that_of_their_robust_cost(world,
 def test_depth_that_is_noisy_along_its_rays_does_not_look_wrong(name):
     """Noise of 0.01 z^2: shrinking what is far would make it smaller, at 9 sigmas if that were let pay."""
     k = SHARED.index(name)
-    sigmas = np.where(np.arange(S) == k, CalibrationOptions().sigmas, 0.0)
+    sigmas = np.where(np.arange(S) == k, PRIORS.sigmas, 0.0)
     in_sigmas = []
     for seed in range(6):
         rng = np.random.default_rng([11, seed])

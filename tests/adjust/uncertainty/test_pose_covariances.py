@@ -128,8 +128,7 @@ def test_a_height_that_nothing_holds_is_no_error_and_spoils_nothing():
 
 def test_faces_with_offsets_of_their_own_stand_behind_the_poses():
     _, problem = noisy_problem(np.random.default_rng(9), 0.02)
-    walls = replace(problem.options.walls, offset_sigma_m=0.02)
-    options = replace(problem.options, walls=walls)
+    options = replace(problem.options, wall_offset_sigma_m=0.02)
     poses, ties = problem.unknowns, problem.correspondences
     offset = build_problem(problem.measurements, options, poses, ties)
     assert len(offset.unknowns) == N + N_FACES

@@ -13,7 +13,7 @@ MOVED_SIGMA_M = 0.3
 
 def walls_tested(problem):
     model = model_errors(problem, np.arange(N) // 6, np.ones(N), np.random.default_rng(0))
-    return model, run_wall_tests(model, problem.correspondences.floorplan, MOVED_SIGMA_M)
+    return model, run_wall_tests(model, problem.correspondences.floorplan)
 
 
 @pytest.mark.parametrize("drawn_m", [0.0, 0.01, 0.03])
