@@ -19,7 +19,6 @@ from planfit.segmentation import SegmentationOptions
         (Loss, "scale", 0.0),
         (SolverOptions, "max_iterations", 0),
         (AlignOptions, "candidate", 0),
-        (VerdictOptions, "folds", 1),
         (VerdictOptions, "max_error_m", 0.0),
         (OdometryOptions, "sigma_base_m", float("nan")),
         (SegmentationOptions, "stride_px", 0),

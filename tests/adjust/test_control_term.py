@@ -14,7 +14,7 @@ from planfit.adjust import (
     hold_to_keyframes,
     reduce_measurements,
 )
-from planfit.adjust.terms import control
+from planfit.adjust.terms import observation_models
 from planfit.adjust.terms.control import ControlMarks, control_term
 from planfit.adjust.terms.observation_models import CONTROL
 from planfit.geometry import se3
@@ -74,8 +74,7 @@ def test_marks_of_a_point_count_as_a_few(rng, most, worth):
         poses, np.tile([[1.0, 2.0, 3.0]], (50, 1)), np.arange(50), 1.0, np.zeros(50, int)
     )
     off = replace(marks, targets=marks.targets + np.array([0.0, 0.1, 0.0]))
-    with patch.object(control, "MAX_OBSERVATIONS", most):
-        cost = control_term(off, PLAIN).reweight(poses)[1]
+    cost = control_term(off, replace(PLAIN, max_observations=most)).reweight(poses)[1]
     assert cost == pytest.approx(0.5 * worth * 0.1**2)
 
 
@@ -87,8 +86,9 @@ def test_a_blunder_is_let_go_of(rng):
     marks = replace(marks_of(poses, centres, np.arange(8)), targets=wrong)
     held = replace(world.measurements, control=marks)
 
-    def error_m(options):
-        solved = build_problem(held, AdjustOptions(control=options), poses).solve().target_from_cams
+    def error_m(model):
+        with patch.dict(observation_models.ROBUST, control=model):
+            solved = build_problem(held, AdjustOptions(), poses).solve().target_from_cams
         return np.linalg.norm(solved[:, :3, 3] - centres, axis=1).max()
 
     assert error_m(CONTROL) < 0.01 < 0.05 < error_m(PLAIN)

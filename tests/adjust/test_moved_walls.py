@@ -63,7 +63,6 @@ def test_each_threshold_decides(world):
             return int(np.isfinite(found(world, plan)).sum())
 
     assert np.isfinite(found(world, plan)).sum() == 1
-    assert np.isnan(found(world, plan, sigma_m=0.0)).all()
     assert n_moved(MAX_OFFSET_M=0.15) == 0
     assert n_moved(MIN_OFFSET_M=0.25) == 0
     assert n_moved(MIN_PATCHES=4) == 1

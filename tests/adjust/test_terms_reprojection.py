@@ -149,7 +149,7 @@ def test_a_point_lifted_at_no_depth_has_no_weight(poses, rng):
     assert np.isfinite(cost)
 
 
-@pytest.mark.parametrize("name", ["sigma_px", "max_observations"])
+@pytest.mark.parametrize("name", ["sigma", "max_observations"])
 def test_refuses_options_that_cannot_work(name):
     with pytest.raises(OptionError, match=name):
         replace(REPROJECTION, **{name: 0.0})

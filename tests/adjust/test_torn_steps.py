@@ -12,7 +12,7 @@ from planfit.adjust import (
     close_loops,
     close_loops_untorn,
 )
-from planfit.adjust.terms.observation_models import ODOMETRY
+from planfit.adjust.options import TermOptions
 from planfit.adjust.torn_steps import find_torn_steps
 from planfit.findings import ScanKind
 from planfit.geometry import se3
@@ -24,7 +24,7 @@ from planfit.segmentation import Gravity
 from planfit.synth import DriftOptions, drift_poses
 
 N, PER_LAP = 120, 60
-ODOMETRY = ODOMETRY
+ODOMETRY = TermOptions()
 
 
 def ring():
@@ -172,4 +172,4 @@ def test_what_is_dropped_is_named_and_takes_no_part_in_what_follows(walk, every)
 def test_without_odometry_nothing_can_be_torn(walk):
     true, recorded, rng = walk
     measurements = measured(rng, recorded, true_motions(true))
-    assert find_torn_steps(measurements, true[::-1], replace(ODOMETRY, weight=0.0)) == ()
+    assert find_torn_steps(measurements, true[::-1], TermOptions(0.0)) == ()

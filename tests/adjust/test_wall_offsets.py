@@ -76,7 +76,7 @@ def test_blocks_are_the_second_derivative_where_distances_are_zero(world, case):
 def test_faces_as_drawn_cost_what_the_plain_term_costs(world, case, rng):
     term, _ = case
     poses = nudged(rng, world.plan_from_cams, 1.0, 0.05)
-    plain = WallTerm(world.structure.walls, world.floorplan, term.association, term.options)
+    plain = WallTerm(world.structure.walls, world.floorplan, term.association, term.model)
     displaced = term.reweight(with_offsets(poses, world.floorplan))[1]
     assert displaced == pytest.approx(plain.reweight(poses)[1], rel=1e-12)
 

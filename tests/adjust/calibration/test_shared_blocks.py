@@ -178,7 +178,7 @@ def test_blocks_of_faces_with_offsets_are_those_of_differences_where_residuals_v
     problem, poses = world.problem(), world.plan_from_cams
     walls = of_kind(problem, WallTerm)
     n = len(poses)
-    term = OffsetWallTerm(walls.patches, walls.floorplan, walls.association, walls.options, n)
+    term = OffsetWallTerm(walls.patches, walls.floorplan, walls.association, walls.model, n)
     unknowns = with_offsets(poses, walls.floorplan)
 
     def residuals(unknowns, shared):
