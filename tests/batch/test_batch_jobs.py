@@ -14,7 +14,7 @@ COLUMNS = {
     "use-masks": Column(is_switch=True, has_no=True),
     "poses": Column(is_file=True),
     "layer": Column(is_repeated=True),
-    "adjust.walls.sigma-m": Column(),
+    "adjust.walls.weight": Column(),
 }
 
 
@@ -36,7 +36,7 @@ def message_of(tmp_path, text, name="jobs.csv", encoding="utf-8"):
 def test_cells_become_flags_and_paths_begin_at_the_file(tmp_path):
     (job, other) = jobs_of(
         tmp_path,
-        "name,scan,plan,unit,adjust.walls.sigma_m,no_plan,use-masks,poses,layer,memory-gb\n"
+        "name,scan,plan,unit,adjust.walls.weight,no_plan,use-masks,poses,layer,memory-gb\n"
         "a,scans/a,plan.pdf,cm,0.03,,no,p.txt,A | B,2.5\n"
         "b,/x/b.zip/office,0=g.pdf|1=s3://b/u.pdf,,,yes,true,,,\n",
     )
@@ -50,7 +50,7 @@ def test_cells_become_flags_and_paths_begin_at_the_file(tmp_path):
             Option("--poses", (str(tmp_path / "p.txt"),), is_file=True),
             Option("--layer", ("A",)),
             Option("--layer", ("B",)),
-            Option("--adjust.walls.sigma-m", ("0.03",)),
+            Option("--adjust.walls.weight", ("0.03",)),
         ),
         2.5,
     )
@@ -86,11 +86,11 @@ def test_the_delimiter_that_excel_names_is_believed(tmp_path):
 def test_toml_and_json_say_the_same_as_csv(tmp_path):
     csv = jobs_of(
         tmp_path,
-        "name,scan,plan,adjust.walls.sigma-m,layer,no-plan\na,s,0=p|1=q,0.03,A|B,true\n",
+        "name,scan,plan,adjust.walls.weight,layer,no-plan\na,s,0=p|1=q,0.03,A|B,true\n",
     )
     toml = jobs_of(
         tmp_path,
-        '[[jobs]]\nname = "a"\nscan = "s"\nplan = ["0=p", "1=q"]\nadjust.walls.sigma_m = 0.03\n'
+        '[[jobs]]\nname = "a"\nscan = "s"\nplan = ["0=p", "1=q"]\nadjust.walls.weight = 0.03\n'
         'layer = ["A", "B"]\nno-plan = true\n',
         "jobs.toml",
     )
@@ -101,7 +101,7 @@ def test_toml_and_json_say_the_same_as_csv(tmp_path):
         "layer": ["A", "B"],
         "no-plan": True,
     }
-    values["adjust"] = {"walls": {"sigma-m": 0.03}}
+    values["adjust"] = {"walls": {"weight": 0.03}}
     text = json.dumps([values])
     assert csv == toml == jobs_of(tmp_path, text, "jobs.json")
     assert csv == jobs_of(tmp_path, json.dumps({"jobs": [values]}), "jobs.json")
@@ -126,7 +126,7 @@ BAD = {
     "name,plan\na,b\n": "expected a column 'scan'",
     "name,scan\na,b\n,c\n": ", line 3: expected a name, found none",
     "name,scan,unti\na,b,m\n": "found the column 'unti'; did you mean unit?",
-    "name,scan,sigma-m\na,b,1\n": "found the column 'sigma-m'; did you mean adjust.walls.sigma-m?",
+    "name,scan,walls.weight\na,b,1\n": "found the column 'walls.weight'; did you mean adjust.walls.weight?",
     "name,scan,xyzzy\na,b,1\n": "see planfit refine --help-all",
     "name,scan\na,b\nA,c\n": "line 3: expected a name that no other job has, found 'A', which is the name in "
     "line 2",

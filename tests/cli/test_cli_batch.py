@@ -23,7 +23,7 @@ def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
     (folder / "scan ü").symlink_to(small_scan)
     jobs = folder / "jobs.csv"
     text = (
-        "name;scan;plan;adjust.walls.sigma-m;preset\r\nBüro 1;scan ü;scan ü/floorplan.npy;0.04;\r\n"
+        "name;scan;plan;adjust.walls.weight;preset\r\nBüro 1;scan ü;scan ü/floorplan.npy;0.9;\r\n"
     )
     jobs.write_bytes((text + "fehlt;none;;;\r\n").encode("utf-8-sig"))
     out = tmp_path / "out"
@@ -32,7 +32,7 @@ def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "2 scans: 1 refined, 1 refused" in said
     record = json.loads((out / "Büro 1" / "run.json").read_text())
-    assert record["options"]["adjust"]["walls"]["sigma_m"] == 0.04
+    assert record["options"]["adjust"]["walls"]["weight"] == 0.9
     assert record["inputs"]["plan"] == str(small_scan.resolve() / "floorplan.npy")
     assert Path(record["inputs"]["scan"]) == small_scan.resolve()
     with (out / "jobs.csv").open(encoding="utf-8", newline="") as file:
@@ -54,12 +54,12 @@ def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
     [
         ("name,scan,unit\na,b,mx\n", "line 2: --unit: expected one of auto, m, .*, found 'mx'"),
         (
-            "name,scan,adjust.walls.sigma-m\na,b,thick\n",
-            "line 2: --adjust.walls.sigma-m: expected a number, found 'thick'",
+            "name,scan,adjust.walls.weight\na,b,thick\n",
+            "line 2: --adjust.walls.weight: expected a number, found 'thick'",
         ),
         ("name,scan,preset\na,b,best\n", "line 2: .*best"),
-        ("name,scan,adjust.walls.sigma-m\na,b,-1\n", "line 2: .*-1"),
-        ("name,scan,adjust.wall.sigma-m\na,b,1\n", "did you mean adjust.walls.sigma-m"),
+        ("name,scan,verdict.max-error-m\na,b,-1\n", "line 2: .*-1"),
+        ("name,scan,adjust.wall.weight\na,b,1\n", "did you mean adjust.walls.weight"),
         ("name,scan,workers\na,b,1\n", "found the column 'workers'"),
         ("name,scan,out\na,b,c\n", "found the column 'out'"),
         ("", "expected a line a job"),

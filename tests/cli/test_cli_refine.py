@@ -301,14 +301,14 @@ def test_options_from_toml_and_flags_are_the_same_options(
     small_scan: Path, tmp_path: Path, brief: list[str], capsys
 ) -> None:
     config = tmp_path / "options.toml"
-    config.write_text("[matching.pairs]\nneighbours = 2\n[adjust.walls]\nsigma_m = 0.07\n")
+    config.write_text("[matching.pairs]\nneighbours = 2\n[adjust.walls]\nweight = 0.7\n")
     out = tmp_path / "out"
     words = ["refine", str(small_scan), "-o", str(out), "--config", str(config)]
     assert run([*words, "--matching.pairs.neighbours", "3", *brief]) == 0
     options = json.loads((out / "run.json").read_text())["options"]
     assert options["matching"]["pairs"]["neighbours"] == 3
-    assert options["adjust"]["walls"]["sigma_m"] == 0.07
-    config.write_text("[adjust.wall]\nsigma_m = 0.07\n")
+    assert options["adjust"]["walls"]["weight"] == 0.7
+    config.write_text("[adjust.wall]\nweight = 0.7\n")
     assert run([*words[:-2], "--config", str(config)]) == 2
     assert "unknown option 'wall'" in capsys.readouterr().err
 
@@ -348,7 +348,7 @@ def test_preset_and_offsets_reach_the_run(
     assert adjust["walls"]["weight"] == 0.7  # flags come after the preset
     assert set(record["cost_by_term"]) == {"points", "floor", "walls"}
     words = ["refine", str(small_scan), "-o", str(out), *brief, "--overwrite"]
-    assert run([*words, "--adjust.walls.offset-sigma-m", "0.03"]) == 0
+    assert run([*words, "--adjust.wall-offset-sigma-m", "0.03"]) == 0
     offsets = json.loads((out / "run.json").read_text())["walls"]["offsets"]
     assert offsets
     assert all(0 < row["sigma_m"] < 0.03 for row in offsets)
