@@ -62,7 +62,7 @@ def run_case(seed: int) -> dict[str, Any]:
                 found = align(case.walls, case.floorplan, AlignOptions())
             else:
                 rng = np.random.default_rng(seed)
-                found = align_paper(case.cloud, case.walls, case.floorplan, AlignOptions(), rng)
+                found = align_paper(case.cloud, case.walls, case.floorplan, rng)
         except PlanfitError as error:
             row[method] = {"is_right": False, "is_sure": False, "warnings": [str(error)]}
             continue

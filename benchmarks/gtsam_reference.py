@@ -37,8 +37,8 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from problems import Problem
 
+from planfit.adjust.terms import observation_models
 from planfit.adjust.terms.levels import FLOOR_PLANE, floor_term
-from planfit.adjust.terms.observation_models import FLOOR, ODOMETRY, POINTS, WALLS
 from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.walls import WallTerm, face_planes
@@ -49,9 +49,9 @@ from planfit.lsq.term import Term
 
 SQUARED = Loss(LossKind.SQUARED)
 POINTS, FLOOR, WALLS = (
-    replace(POINTS, loss=SQUARED),
-    replace(FLOOR, loss=SQUARED),
-    replace(WALLS, loss=SQUARED),
+    replace(observation_models.POINTS, loss=SQUARED),
+    replace(observation_models.FLOOR, loss=SQUARED),
+    replace(observation_models.WALLS, loss=SQUARED),
 )
 
 
@@ -80,7 +80,7 @@ def squared_terms(problem: Problem) -> list[Term]:
         PointTerm(measurements.matches, POINTS),
         floor_term(measurements.structure, FLOOR),
         WallTerm(measurements.structure.walls, problem.floorplan, problem.association, WALLS),
-        OdometryTerm(measurements.odometry, replace(ODOMETRY, loss=SQUARED)),
+        OdometryTerm(measurements.odometry, replace(observation_models.ODOMETRY, loss=SQUARED)),
     ]
 
 

@@ -33,9 +33,7 @@ from planfit.pipeline.verdict import Outcome
 
 def measure(start: Start, options: AdjustOptions) -> dict:
     """Costs and errors where the adjustment ends, from the start and from the true poses."""
-    ceilings_m = find_ceilings(
-        start.measurements.structure, start.plan_from_cams, options.ceiling_heights
-    )
+    ceilings_m = find_ceilings(start.measurements.structure, start.plan_from_cams)
     task = PlanTask(start.measurements, start.floorplan, options, ceilings_m)
     ends = {
         "found": best_of_starts(task, start.plan_from_cams).best,

@@ -74,7 +74,7 @@ def solve_keyframes(problem):
 
 def _solve(measurements, problem, initial_plan_from_cams):
     options, patches = AdjustOptions(), measurements.structure.walls
-    walls = WallTerm(patches, problem.floorplan, problem.association, options.walls)
+    walls = WallTerm(patches, problem.floorplan, problem.association, options.model("walls"))
     terms = [*build_problem(measurements, options, initial_plan_from_cams).scan_terms, walls]
     return Problem(terms, initial_plan_from_cams).solve(options.solver)
 

@@ -85,7 +85,7 @@ def _frozen(problem: Problem) -> list[Quadratic]:
     options = AdjustOptions()
     measurements = problem.measurements
     walls = WallTerm(
-        measurements.structure.walls, problem.floorplan, problem.association, options.walls
+        measurements.structure.walls, problem.floorplan, problem.association, options.model("walls")
     )
     terms = [
         *build_problem(measurements, options, problem.initial_plan_from_cams).scan_terms,

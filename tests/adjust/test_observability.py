@@ -8,7 +8,6 @@ import pytest
 from builders import make_matches, make_structure, make_world, position_rms_m, room_plan
 from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan
 from planfit.adjust.options import TermOptions
-from planfit.adjust.terms.observation_models import FLOOR
 from planfit.findings import ResultKind
 
 NO_PRIOR = AdjustOptions(odometry=TermOptions(0.0))
@@ -133,7 +132,7 @@ def test_a_scan_with_floor_alone_stays_where_it_was_put(world):
         floor=[(0, np.random.default_rng(0).uniform(0, 4, (50, 3)) * (1, 1, 0))],
     )
     empty = make_matches(world.plan_from_cams, [], np.zeros((0, 3)))
-    options = AdjustOptions(floor=FLOOR, odometry=TermOptions(0.0))
+    options = AdjustOptions(odometry=TermOptions(0.0))
     plan_adjustment = adjust_to_plan(
         Measurements(empty, s, world.odometry), world.floorplan, world.plan_from_cams, options
     )

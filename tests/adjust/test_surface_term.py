@@ -149,4 +149,4 @@ def test_the_papers_cost_has_no_surfaces() -> None:
     assert paper_options().surfaces.weight == 0.0
     by_sgd = replace(paper_options(), method="sgd")
     with pytest.raises(OptionError, match="paper's cost only"):
-        replace(by_sgd, surfaces=SURFACES)
+        replace(by_sgd, surfaces=TermOptions())

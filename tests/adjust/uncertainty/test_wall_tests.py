@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from planfit.adjust.moved_walls import MOVED_SIGMA_M
 from planfit.adjust.uncertainty import model_errors
 from planfit.adjust.uncertainty.wall_tests import run_wall_tests
 from ring_of_cameras import N, noisy_problem
-
-MOVED_SIGMA_M = 0.3
 
 
 def walls_tested(problem):
