@@ -13,6 +13,7 @@ from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
 from planfit.findings import PlanKind, ScanKind
 from planfit.geometry import se3
+from planfit.pipeline.refine import calibrate
 from planfit.runtime import Runtime
 from planfit.scan import Label, Scan, ScanFiles
 from planfit.segmentation import SegmentationOptions
@@ -294,3 +295,35 @@ def test_moving_world_as_a_whole_moves_only_the_world(synthetic, refined):
     )
     result = planfit.refine(moved, synthetic.floorplan)
     assert rms(result.plan_from_cams, refined.plan_from_cams) < 0.005
+
+
+@pytest.mark.slow
+def test_nothing_is_calibrated_where_that_is_off():
+    synthetic = make_scan(BASE)
+
+    @dataclass(frozen=True)
+    class Short:
+        """Depth that was measured 5 % too short."""
+
+        files: ScanFiles
+
+        def color(self, i):
+            return self.files.color(i)
+
+        def depth(self, i):
+            return 0.95 * self.files.depth(i)
+
+        def labels(self, i):
+            return self.files.labels(i)
+
+        def write_poses(self, directory, world_from_cams):
+            raise NotImplementedError
+
+    short = dataclasses.replace(synthetic.scan, files=Short(synthetic.scan.files))
+    on = calibrate(short, synthetic.floorplan)
+    off = calibrate(
+        short, synthetic.floorplan, planfit.RefineOptions().with_("calibration.is_on", False)
+    )
+    assert on.sensor.depth_scale == pytest.approx(1 / 0.95, abs=0.01)
+    assert off.kept == ()
+    assert off.sensor.is_nominal
