@@ -10,21 +10,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.terms.observation_models import FLOOR
 from planfit.geometry import se3
+from planfit.priors import FLOOR_SLOPE_MOST_SHARE, STAIR_RISER_MOST_M, WALL_LEAN_SIGMA_DEG
 from planfit.segmentation import LevelPoints, WallPatches
 
 CELL_M = 0.5
 """Floor points are thinned to one height a cell."""
-SIGMA_M = 0.03
+SIGMA_M = FLOOR.sigma
 """Of the heights of cells about their piece, as of the floor term."""
 _WITHIN_SIGMAS = 3.0
 _MIN_CELLS = 12
 """A piece is larger than this: 3 m^2."""
-_MAX_SLOPE = 0.2
-"""Steeper than any ramp that is walked."""
-LEAN_SIGMA_RAD = float(np.deg2rad(0.3))
-"""Of the lean of all walls together, and of the slope of all floors: what the camera's depth and the frame's
-tilt share. Level buildings: 0.18 degrees on ConSLAM, 0.05 to 0.12 rendered; 0.47 in a corner of a kitchen."""
+LEAN_SIGMA_RAD = float(np.deg2rad(WALL_LEAN_SIGMA_DEG.value))
+"""Of the lean of all walls together, and of the slope of all floors."""
 _SLOPE_SIGMAS = 3.3
 """A piece that slopes by less is level."""
 _MAX_PIECES = 8
@@ -36,9 +35,6 @@ _FOOT_M = 1.0
 _CARRIED_WITHIN_M = 0.2
 """A camera that is carried is as high over every piece that is walked on, within this; a worktop or a heap
 that is labelled floor is nearer to it."""
-_LEAST_STEP_M = 0.2
-"""Pieces that lie nearer to the main one are one floor, uneven or drifted: a riser of stairs is 0.14 to 0.2 m
-(DIN 18065)."""
 _MIN_STANDING = 3
 """Frames that stand on a piece, at least."""
 _MAX_PATCHES = 400
@@ -71,13 +67,11 @@ class FloorPieces:
         """Whether it is one level plane."""
         return len(self.planes) == 1 and self.n_slopes == 0
 
-    def nearest(self, points: Float[np.ndarray, "m 3"]) -> Int[np.ndarray, " m"]:
-        """The piece that each point (m, the same frame) is nearest to, up or down."""
-        return np.argmin(np.abs(points[:, 2] - self.heights_m(points[:, :2])), axis=0)
-
-    def heights_m(self, xy: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "k m"]:
-        """Height of each piece's plane at points of the ground plan (m)."""
-        return self.planes[:, :2] @ xy.T + self.planes[:, 2:]
+    def heights_m(self, points: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+        """Height of the piece that each point (m, the same frame) is nearest to, up or down, at its place."""
+        heights = _heights(self.planes, points[:, :2])
+        nearest = np.argmin(np.abs(points[:, 2] - heights), axis=0)
+        return np.take_along_axis(heights, nearest[None], axis=0)[0]
 
 
 @dataclass(frozen=True)
@@ -144,26 +138,25 @@ def find_pieces(
     planes, piece_of_cell = _planes(xy, height_m, rng)
     if len(planes) == 0:
         return None
-    standing = _standing_on(xy, piece_of_cell, len(planes), level_from_cams[:, :3, 3])
-    above_m = level_from_cams[:, 2, 3] - _at(planes, standing, level_from_cams[:, :2, 3])
+    cams = level_from_cams[:, :3, 3]
+    standing = _standing_on(xy, piece_of_cell, len(planes), cams)
+    above_m = cams[:, 2] - _heights(planes, cams[:, :2])
     counts = np.bincount(standing[standing >= 0], minlength=len(planes))
     if counts.max(initial=0) < _MIN_STANDING:
         return None
     main = int(np.argmax(counts))
-    carried_m = float(np.median(above_m[standing == main]))
+    carried_m = float(np.median(above_m[main, standing == main]))
     for k, plane in enumerate(planes):
         if np.hypot(plane[0], plane[1]) < _SLOPE_SIGMAS * LEAN_SIGMA_RAD:
             plane[:] = 0.0, 0.0, np.median(height_m[piece_of_cell == k])
-    kept, heights_m = [main], [0.0]
+    here_m, kept, heights_m = _heights(planes, cams[:, :2]), [main], [0.0]
     for k in range(len(planes)):
         own = standing == k
         if counts[k] < _MIN_STANDING or k == main:
             continue
-        here = level_from_cams[own, :2, 3]
-        of_main = _at(planes, np.full(len(here), main), here)
-        off_m = float(np.median(_at(planes, standing[own], here) - of_main))
-        is_walked = abs(float(np.median(above_m[own])) - carried_m) < _CARRIED_WITHIN_M
-        if is_walked and abs(off_m) >= _LEAST_STEP_M:
+        off_m = float(np.median(here_m[k, own] - here_m[main, own]))
+        is_walked = abs(float(np.median(above_m[k, own])) - carried_m) < _CARRIED_WITHIN_M
+        if is_walked and abs(off_m) >= STAIR_RISER_MOST_M.value:
             kept.append(k)
             heights_m.append(off_m)
     return FloorPieces(planes[kept] - np.array([0.0, 0.0, planes[main, 2]]), tuple(heights_m))
@@ -175,17 +168,16 @@ def flattened(
     """Points as they would have been measured if the floor were level at the main piece's height."""
     poses = level_from_cams[floor.frame_idx]
     points = se3.transform_each(poses, floor.points_cam)
-    height_m = _at(pieces.planes, pieces.nearest(points), points[:, :2])
-    # Down in the level frame is the third row of the rotation in camera axes.
-    return replace(floor, points_cam=floor.points_cam - height_m[:, None] * poses[:, 2, :3])
+    # Up in the level frame is the third row of the rotation in camera axes.
+    off = pieces.heights_m(points)[:, None] * poses[:, 2, :3]
+    return replace(floor, points_cam=floor.points_cam - off)
 
 
-def _at(
-    planes: Float[np.ndarray, "k 3"], piece: Int[np.ndarray, " m"], xy: Float[np.ndarray, "m 2"]
-) -> Float[np.ndarray, " m"]:
-    """Height (m) of one plane for each place."""
-    own = planes[piece]
-    return own[:, 0] * xy[:, 0] + own[:, 1] * xy[:, 1] + own[:, 2]
+def _heights(
+    planes: Float[np.ndarray, "k 3"], xy: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "k m"]:
+    """Height (m) of each plane at each place."""
+    return planes[:, :2] @ xy.T + planes[:, 2:]
 
 
 def _cells(
@@ -235,7 +227,7 @@ def _largest_plane(
             if abs(np.linalg.det(place[three])) < CELL_M:
                 continue
             plane = np.linalg.solve(place[three], height_m[three])
-            if np.hypot(plane[0], plane[1]) > _MAX_SLOPE:
+            if np.hypot(plane[0], plane[1]) > FLOOR_SLOPE_MOST_SHARE.value:
                 continue
         n_within = int((np.abs(height_m - place @ plane) < _WITHIN_SIGMAS * SIGMA_M).sum())
         if n_within > most:

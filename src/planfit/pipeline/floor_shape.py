@@ -24,17 +24,11 @@ from planfit.adjust.keyframes import follow_keyframes
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
+from planfit.priors import FLOOR_NOT_LEVEL_SHARE, FLOOR_PIECE_SIGMA_M, FLOOR_SLOPE_SIGMA_SHARE
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import no_level_points
 
-NOT_LEVEL_SHARE = 0.05
-"""Of storeys that have a second piece, and of pieces that slope. Chosen, without a source: most floors are
-one level plane."""
-HEIGHT_SIGMA_M = 0.5
-"""Of pieces of one storey: split levels, platforms, pits."""
-SLOPE_SIGMA = 0.05
-"""Of ramps and floors that fall, as a share: for wheelchairs 6 % (DIN 18040), in car parks up to 15 %."""
 ODDS = 100.0
 """In favour of pieces, before a floor is taken not to be level."""
 
@@ -96,7 +90,7 @@ def _strain(prepared: PreparedScan, options: RefineOptions) -> float:
 
 def _price(pieces: FloorPieces) -> float:
     """What heights and slopes cost by their priors, nats (Occam's factor)."""
-    rarity = -np.log(NOT_LEVEL_SHARE)
-    of_height = np.log(HEIGHT_SIGMA_M / SIGMA_M) + rarity
-    of_slope = 2.0 * np.log(SLOPE_SIGMA / LEAN_SIGMA_RAD) + rarity
+    rarity = -np.log(FLOOR_NOT_LEVEL_SHARE.value)
+    of_height = np.log(FLOOR_PIECE_SIGMA_M.value / SIGMA_M) + rarity
+    of_slope = 2.0 * np.log(FLOOR_SLOPE_SIGMA_SHARE.value / LEAN_SIGMA_RAD) + rarity
     return float((len(pieces.planes) - 1) * of_height + pieces.n_slopes * of_slope)
