@@ -33,8 +33,6 @@ from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
 """Wall patches of a part that is placed by itself; smaller ones stay with the part beside them."""
-GOOD_SCORE = 0.6
-"""Share of its wall that the plan has to explain of a part alone."""
 NULL_SCORE = 0.4
 """A place that explains less than this of a part does not explain it."""
 NOT_DRAWN = 0.1
@@ -156,51 +154,53 @@ def placed_by_parts(
         return None
     walk = _Walk.of(prepared, tracking, plan.used())
     places, tried = [found.plan_from_level], set()
-    while len(places) < MAX_PLACES:
-        new = _another_place(walk, places, tried, options.align)
-        if new is None:
+    while True:
+        path = _likeliest(walk, places, or_unknown=True)
+        new = _more_places(walk, places, path, tried, options.align)
+        places = [each for k, each in enumerate(places) if k == 0 or k in path]
+        if not new or len(places) >= MAX_PLACES:
             break
-        places.append(new)
-    if len(places) == 1:
-        return None
-    path = _likeliest([walk.log_likelihood(p) for p in places], _log_odds(walk, places))
+        places += new
+    # What is at no known place, such as a room behind a mirror, stays with what is beside it.
+    path = _likeliest(walk, places, or_unknown=False)
     parts = [_Part(first, last, places[k]) for k, first, last in _runs(path)]
     return _with_jumps(prepared, tracking, parts)
 
 
-def _another_place(
-    walk: _Walk, places: Sequence[Place], tried: set[tuple[int, int]], options: AlignOptions
-) -> Place | None:
+def _more_places(
+    walk: _Walk,
+    places: Sequence[Place],
+    path: Int[np.ndarray, " n"],
+    tried: set[tuple[int, int]],
+    options: AlignOptions,
+) -> list[Place]:
     """Of a part that none of the places explains and that is not among those `tried`, which grow."""
-    n = len(places)
-    likelihoods = [*(walk.log_likelihood(place) for place in places), walk.unexplained()]
-    to_unknown = np.full(len(walk.recorded), -0.5 * np.log(JUMP_ODDS))
-    odds = _log_odds(walk, places) | {
-        ends: to_unknown for k in range(n) for ends in ((k, n), (n, k))
-    }
-    path = _likeliest(likelihoods, odds)
     for state, first, last in _runs(path):
         n_patches = walk.n_patches[first : last + 1].sum()
-        if state < n or (first, last) in tried or n_patches < MIN_PATCHES:
+        if state < len(places) or (first, last) in tried or n_patches < MIN_PATCHES:
             continue
         tried.add((first, last))
-        for inner, outer in ((first, first - 1), (last, last + 1)):
-            if 0 <= outer < len(path):
-                beside = places[path[outer]] @ walk.level_from_keys[outer]
-                found = _aligned_beside(walk, (first, last), inner, beside, options)
-                if found is not None:
-                    return found
-    return None
+        found = [
+            place
+            for inner, outer in ((first, first - 1), (last, last + 1))
+            if 0 <= outer < len(path)
+            for place in _places_beside(
+                walk, (first, last), inner, places[path[outer]] @ walk.level_from_keys[outer], options
+            )
+        ]
+        if found:
+            return found
+    return []
 
 
-def _aligned_beside(
+def _places_beside(
     walk: _Walk,
     part: tuple[int, int],
     inner: int,
     plan_from_outer: Float[np.ndarray, "4 4"],
     options: AlignOptions,
-) -> Place | None:
-    """Where a part surely fits the plan, its keyframe `inner` a step from one beside that was placed."""
+) -> list[Place]:
+    """Where a part may lie on the plan, its keyframe `inner` a step from one beside that was placed."""
     first, last = part
     within = (walk.of_key >= first) & (walk.of_key <= last)
     reach = reach_m(walk.recorded, usual_step(walk.recorded)[0])
@@ -214,37 +214,25 @@ def _aligned_beside(
     known = ControlPoint(walk.level_from_keys[inner, :2, 3], plan_from_outer[:2, 3])
     samples = walk.samples.picked(np.flatnonzero(within))
     found = align(samples, walk.plan, near, control_points=[known])
-    return found.plan_from_level if found.is_sure and found.score >= GOOD_SCORE else None
+    return [each.plan_from_level for each in found.candidates if each.score > NULL_SCORE]
 
 
-def _log_odds(
-    walk: _Walk, places: Sequence[Place]
-) -> dict[tuple[int, int], Float[np.ndarray, " s"]]:
-    return {
-        (a, b): walk.log_odds(places[a], places[b])
-        for a in range(len(places))
-        for b in range(len(places))
-        if a != b
-    }
-
-
-def _likeliest(
-    likelihoods: Sequence[Float[np.ndarray, " n"]],
-    log_odds: dict[tuple[int, int], Float[np.ndarray, " s"]],
-) -> Int[np.ndarray, " n"]:
-    """The likeliest sequence of states, with log odds of each change at each step (Viterbi 1967)."""
-    log = np.stack(likelihoods)
-    n_states, n = log.shape
-    best, came_from = log[:, 0].copy(), np.zeros((n, n_states), dtype=int)
+def _likeliest(walk: _Walk, places: Sequence[Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
+    """The likeliest sequence of places, by their numbers (Viterbi 1967); the last number is of one not known."""
+    log = [walk.log_likelihood(place) for place in places] + [walk.unexplained()] * or_unknown
+    n, n_places, n_states = len(log[0]), len(places), len(log)
+    change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to
+    for a, b in np.ndindex(n_states, n_states):
+        if a != b:
+            is_known = max(a, b) < n_places
+            odds = walk.log_odds(places[a], places[b]) if is_known else -np.log(JUMP_ODDS)
+            change[:, a, b] = odds
+    best, came_from = np.array([each[0] for each in log]), np.zeros((n, n_states), dtype=int)
     for k in range(1, n):
-        change = np.zeros((n_states, n_states))  # from, to
-        for (a, b), odds in log_odds.items():
-            change[a, b] = odds[k - 1]
-        total = best[:, None] + change
+        total = best[:, None] + change[k - 1]
         came_from[k] = np.argmax(total, axis=0)
-        best = total.max(axis=0) + log[:, k]
-    path = np.zeros(n, dtype=int)
-    path[-1] = int(np.argmax(best))
+        best = total.max(axis=0) + [each[k] for each in log]
+    path = np.full(n, np.argmax(best))
     for k in range(n - 1, 0, -1):
         path[k - 1] = came_from[k, path[k]]
     return path
