@@ -185,7 +185,11 @@ def _more_places(
             for inner, outer in ((first, first - 1), (last, last + 1))
             if 0 <= outer < len(path)
             for place in _places_beside(
-                walk, (first, last), inner, places[path[outer]] @ walk.level_from_keys[outer], options
+                walk,
+                (first, last),
+                inner,
+                places[path[outer]] @ walk.level_from_keys[outer],
+                options,
             )
         ]
         if found:
