@@ -238,7 +238,7 @@ def explained(
 def closeness(
     walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
 ) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
-    """How well each sample is explained, 0 to 1, and whether a face occludes it; see `AlignmentHypothesis`."""
+    """How well samples are explained, 0 to 1, and whether a face occludes them; see `AlignmentHypothesis`."""
     ends, face_normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
     rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
     xy = walls.xy @ rotation.T + translation
