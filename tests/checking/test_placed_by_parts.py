@@ -12,7 +12,7 @@ from planfit.alignment import Alignment
 from planfit.geometry import se3
 from planfit.matching.surfaces.types import SurfacePairs
 from planfit.pipeline.on_plan import ScanOnPlan
-from planfit.pipeline.parts import contradict_places, placed_by_parts
+from planfit.pipeline.parts import matched_elsewhere, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions
@@ -105,20 +105,21 @@ def test_parts_without_enough_wall_stay_with_the_part_before(truth, rng):
     assert placed_by_parts(few_walls, tracking, on_plan, RefineOptions()) is None
 
 
-def test_surfaces_that_put_a_part_elsewhere_than_the_walls_are_found_out(truth, rng):
-    """Two frames before the jump, led astray together, confirm each other; others say nothing."""
+def test_surfaces_brought_together_elsewhere_than_the_walls_have_them_are_found_out(truth, rng):
+    """Two frames before the jump, led astray together, confirm each other; the third is as far off where it
+    leaves the motion free: its surfaces are others."""
     prepared, tracking, on_plan = world(truth, jumped(truth), rng)
     placed = placed_by_parts(prepared, tracking, on_plan, RefineOptions())
     pairs = np.array(
         [[STEP - 2, STEP + 1], [STEP - 1, STEP + 2], [STEP, STEP + 2], [3, 5], [STEP, STEP + 1]]
     )
     motions = se3.inverse(truth[pairs[:, 0]]) @ truth[pairs[:, 1]]
-    motions[:3, :3, 3] += [2.6, 0.0, 0.3]  # the third leaves that direction free
+    motions[:3, :3, 3] += [2.6, 0.0, 0.3]  # a direction that the third leaves free
     motions[3, :3, 3] += 5.0
     information = np.tile(np.diag([1e4] * 3 + [1e4] * 3), (5, 1, 1))
     information[2, 3, 3] = information[2, 5, 5] = 0.0
     surfaces = SurfacePairs(
         pairs, motions, information, np.ones(5), np.zeros((5, 6, 7)), np.ones(5)
     )
-    found = contradict_places(surfaces, tracking, placed)
-    assert found.tolist() == [True, True, False, False, False]
+    found = matched_elsewhere(surfaces, tracking, placed)
+    assert found.tolist() == [True, True, True, False, False]

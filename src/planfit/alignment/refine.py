@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from planfit.alignment.visibility import is_occluded
 from planfit.alignment.wall_samples import WallSamples
@@ -230,19 +230,26 @@ def explained(
     hypothesis: AlignmentHypothesis,
 ) -> tuple[float, float]:
     """Score of an alignment, and the share of samples occluded by a face; see `AlignmentHypothesis`."""
+    near, occluded = closeness(walls, floorplan, hypothesis)
+    total = weights.sum()
+    return float(weights @ near / total), float(weights @ occluded / total)
+
+
+def closeness(
+    walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
+) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
+    """How well samples are explained, 0 to 1, and whether a face occludes them; see `AlignmentHypothesis`."""
     ends, face_normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
     rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
     xy = walls.xy @ rotation.T + translation
     distance, face = nearest_beside(
         xy, walls.normals @ rotation.T, ends, face_normals, floorplan.is_oriented, 1.0
     )
-    closeness = np.where(face >= 0, np.exp(-0.5 * (distance / SCORE_SIGMA_M) ** 2), 0.0)
+    near = np.where(face >= 0, np.exp(-0.5 * (distance / SCORE_SIGMA_M) ** 2), 0.0)
     occluded = np.zeros(len(xy), dtype=bool)
     if walls.seen_from is not None:
         occluded = is_occluded(walls.seen_from @ rotation.T + translation, xy, ends)
-    closeness *= 1.0 - (1.0 - OCCLUDED_WEIGHT) * occluded
-    total = weights.sum()
-    return float(weights @ closeness / total), float(weights @ occluded / total)
+    return near * (1.0 - (1.0 - OCCLUDED_WEIGHT) * occluded), occluded
 
 
 def metric_plan(floorplan: Floorplan, scale_xy: tuple[float, float]) -> Floorplan:

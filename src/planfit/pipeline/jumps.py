@@ -24,7 +24,7 @@ from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.parts import contradict_places, placed_by_parts
+from planfit.pipeline.parts import matched_elsewhere, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -159,15 +159,13 @@ def _better_by_parts(
     if tracking is None:
         return None
     known = calibrated.observations.surfaces
-    is_against = contradict_places(known, aligned.tracking, tracking)
-    best, highest = None, _adjusted_score(aligned, options) + PARTS_GAIN
-    for without in (None, is_against) if is_against.any() else (None,):
-        prepared = _prepared(scan, calibrated, tracking, options, without)
-        found = _aligned(scan, tracking, prepared, floorplan, options)
-        score = 0.0 if found is None else _adjusted_score(found, options)
-        if found is not None and score > highest and score >= MIN_SCORE:
-            best, highest = replace(found, is_against=without), score
-    return best
+    is_elsewhere = matched_elsewhere(known, aligned.tracking, tracking)
+    prepared = _prepared(scan, calibrated, tracking, options, is_elsewhere)
+    found = _aligned(scan, tracking, prepared, floorplan, options)
+    least = max(_adjusted_score(aligned, options) + PARTS_GAIN, MIN_SCORE)
+    if found is None or _adjusted_score(found, options) < least:
+        return None
+    return replace(found, is_against=is_elsewhere)
 
 
 def _prepared(

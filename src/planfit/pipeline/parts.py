@@ -1,54 +1,134 @@
 """Parts of a walk placed on the plan one by one, where the walk as a whole does not fit it.
 
-A jump that no revisit spans leaves nothing but the plan to say where the walk went on. The walk is cut at
-steps that are unusually long and that no matched keypoints bridge; each part with enough wall is aligned by
-itself, as a scan of its own. Parts of 50 frames of a walk through an office lay within 0.12 m of the truth
-so, where three jumps of 3 m had put the whole 4 to 15 m off.
+A jump that no revisit spans leaves nothing but the plan to say where the walk went on. Every keyframe stands
+at one of a few places on the plan, the same as the one before it unless the tracker jumped between the two:
+the likeliest sequence is Viterbi's (1967), by how well each place explains the walls that each keyframe saw.
+Places are found as the walk shows them: what none explains is aligned by itself, where a step could lead to.
+Of six real floors and sites with a jump of 1 m and 20 degrees in walks of 125 to 249 frames, the part after
+the jump was so aligned within 0.2 m and 0.5 degrees of the truth on each.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.voting import PATCHES_PER_STRETCH
-from planfit.alignment import Alignment, align
-from planfit.alignment.evidence import MAX_SAMPLES
-from planfit.alignment.plan_scale import CLEAR_GAIN
-from planfit.alignment.refine import AlignmentHypothesis, explained
-from planfit.alignment.wall_samples import WallSamples, thin
+from planfit.alignment import AlignmentHypothesis, AlignOptions, ControlPoint, WallSamples, align
+from planfit.alignment.refine import OBSERVATION_M, closeness
 from planfit.floorplan import Floorplan
-from planfit.geometry import se3
+from planfit.geometry import se3, segments
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.surfaces.types import SurfacePairs
-from planfit.matching.surfaces.witnesses import AGREE_SIGMAS, squared_sigmas
-from planfit.pipeline.align import wall_samples
+from planfit.matching.surfaces.witnesses import AGREE_SIGMAS
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking import Tracking
-from planfit.tracking.breaks import is_far
-from planfit.tracking.types import describe_jump, leaps, size_of
+from planfit.tracking.breaks import MOST_UNUSUAL, is_far
+from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
-"""Wall patches of a part that is placed by itself; smaller ones stay with the part before."""
-POOR_SCORE, GOOD_SCORE = 0.4, 0.6
-"""A part that the plan explains less of than the first, where the scan as a whole is aligned, is in question;
-alone it has to reach the second."""
-NEARLY_AS_GOOD = CLEAR_GAIN
-"""Of places that explain less than the best by no more, the one with the most usual step to it is taken."""
+"""Wall patches of a part that is placed by itself; smaller ones stay with the part beside them."""
+NULL_SCORE = 0.4
+"""A place that explains less than this of a part does not explain it."""
+NOT_DRAWN = 0.1
+"""Share of wall that is on no plan, as cupboards are: no sample is less likely."""
+JUMP_ODDS = 1e4
+"""Against a jump at a given step: about one in a walk of a hundred, and 100 to 1 before it is believed."""
+MAX_PLACES = 8
+"""Of the parts of one walk, at most."""
+SAMPLES_APART_M = 0.1
+"""Along walls."""
 SIGMA_M, SIGMA_DEG = 0.5, 3.0
 """Of where walls put a part that drift has bent."""
+
+Place = Float[np.ndarray, "4 4"]
+"""plan_from_level."""
 
 
 @dataclass(frozen=True)
 class _Part:
-    """Keyframes `first` to `last`, between two cuts."""
+    """Keyframes `first` to `last`, which stand at one place."""
 
     first: int
     last: int
-    alignment: Alignment
+    place: Place
+
+
+@dataclass(frozen=True)
+class _Walk:
+    """Keyframes, the walls that they saw, and the plan that these are sought on."""
+
+    plan: Floorplan
+    level_from_keys: Float[np.ndarray, "n 4 4"]
+    recorded: Float[np.ndarray, "s 4 4"]
+    """Steps between keyframes as recorded."""
+    is_whole: Bool[np.ndarray, " s"]
+    """Steps without a jump, whatever walls say: keypoints were matched over them. Or steps about lost frames:
+    what is beyond was placed, or is said to be lost."""
+    samples: WallSamples
+    """Of the walls, level frame."""
+    of_key: Int[np.ndarray, " m"]
+    """Keyframe that saw each sample."""
+    observations: Float[np.ndarray, " m"]
+    """What each sample is worth."""
+    n_patches: Int[np.ndarray, " n"]
+
+    @staticmethod
+    def of(prepared: PreparedScan, tracking: Tracking, plan: Floorplan) -> "_Walk":
+        poses, measured = prepared.level_from_keys, prepared.measurements
+        walls, steps = measured.structure.walls, measured.odometry.cam_from_next
+        normals, ends = wall_patches_in_plan(walls, poses)
+        xy, patch = segments.sample(ends, SAMPLES_APART_M)
+        eyes = poses[walls.frame_idx][:, :2, 3]
+        apart_m = segments.lengths(ends) / np.maximum(np.bincount(patch, minlength=len(ends)), 1)
+        is_open = np.isin(prepared.keyframes.frame_idx[:-1], tracking.open_steps)
+        return _Walk(
+            plan,
+            poses,
+            steps,
+            spanned_steps(measured.matches.pairs, len(steps)) | is_open,
+            WallSamples(xy, normals[patch], eyes[patch]),
+            walls.frame_idx[patch],
+            apart_m[patch] / OBSERVATION_M,
+            np.bincount(walls.frame_idx, minlength=len(poses)),
+        )
+
+    def summed(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+        """Logarithms of likelihoods of what samples are explained, over each keyframe."""
+        log = np.log(NOT_DRAWN + (1.0 - NOT_DRAWN) * values)
+        return np.bincount(self.of_key, self.observations * log, minlength=len(self.n_patches))
+
+    def log_likelihood(self, place: Place) -> Float[np.ndarray, " n"]:
+        """Of the walls of each keyframe, where it stands as a place has it."""
+        here = AlignmentHypothesis.from_transform(place)
+        return self.summed(closeness(self.samples, self.plan, here)[0])
+
+    def unexplained(self) -> Float[np.ndarray, " n"]:
+        """The same where nothing is known of the place."""
+        return self.summed(np.full(len(self.of_key), NULL_SCORE))
+
+    def steps_to(self, before: Place, after: Place) -> Float[np.ndarray, "s 4 4"]:
+        """Motions over steps, each from one place to another."""
+        poses = self.level_from_keys
+        return se3.inverse(before @ poses[:-1]) @ (after @ poses[1:])
+
+    def log_odds(self, before: Place, after: Place) -> Float[np.ndarray, " s"]:
+        """Of a jump from one place to another at each step; -inf where there is none.
+
+        The tracker jumped where the recorded step is unusual, and what the walk made was usual.
+        """
+        told, usual = self.steps_to(before, after), usual_step(self.recorded)
+        was, would_be = (
+            np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2 / 2.0
+            for steps in (self.recorded, told)
+        )
+        is_none = self.is_whole | leaps(told, self.recorded, usual[0])
+        return np.where(is_none, -np.inf, was - would_be - np.log(JUMP_ODDS))
 
 
 def placed_by_parts(
@@ -70,125 +150,109 @@ def placed_by_parts(
         return None  # all is to stay as recorded
     if plan is None or found is None or options.align.method == "paper":
         return None
-    plan = plan.used()
-    parts = _parts(prepared, _cuts(prepared, tracking))
-    if len(parts) < 2 or not _is_any_poor(prepared, parts, plan, found):
+    if len(prepared.level_from_keys) < 2:
         return None
-    chosen = replace(options.align, control_points=(), start="", candidate=1)
-    aligned = [
-        _Part(first, last, align(_walls_of(prepared, first, last), plan, chosen))
-        for first, last in parts
-    ]
-    return _chained(prepared, tracking, aligned)
+    walk = _Walk.of(prepared, tracking, plan.used())
+    places, tried = [found.plan_from_level], set()
+    while True:
+        path = _likeliest(walk, places, or_unknown=True)
+        new = _more_places(walk, places, path, tried, options.align)
+        places = [each for k, each in enumerate(places) if k == 0 or k in path]
+        if not new or len(places) >= MAX_PLACES:
+            break
+        places += new
+    # What is at no known place, such as a room behind a mirror, stays with what is beside it.
+    path = _likeliest(walk, places, or_unknown=False)
+    parts = [_Part(first, last, places[k]) for k, first, last in _runs(path)]
+    return _with_jumps(prepared, tracking, parts)
 
 
-def _cuts(prepared: PreparedScan, tracking: Tracking) -> Int[np.ndarray, " c"]:
-    """Steps between keyframes that are as long as a jump and that no matched keypoints bridge."""
-    steps = prepared.measurements.odometry.cam_from_next
-    if len(steps) == 0:
-        return np.zeros(0, dtype=int)
-    is_bridged = spanned_steps(prepared.measurements.matches.pairs, len(steps))
-    is_long = times_usual(steps, usual_step(steps)) > LONG
-    is_jump = np.array([is_far(*size_of(step)) for step in steps])
-    # Steps about lost frames are open already, and what is beyond them was placed, or is said to be lost.
-    is_open = np.isin(prepared.keyframes.frame_idx[:-1], tracking.open_steps)
-    return np.flatnonzero(is_long & is_jump & ~is_bridged & ~is_open)
+def _more_places(
+    walk: _Walk,
+    places: Sequence[Place],
+    path: Int[np.ndarray, " n"],
+    tried: set[tuple[int, int]],
+    options: AlignOptions,
+) -> list[Place]:
+    """Of a part that none of the places explains and that is not among those `tried`, which grow."""
+    for state, first, last in _runs(path):
+        n_patches = walk.n_patches[first : last + 1].sum()
+        if state < len(places) or (first, last) in tried or n_patches < MIN_PATCHES:
+            continue
+        tried.add((first, last))
+        found = [
+            place
+            for inner, outer in ((first, first - 1), (last, last + 1))
+            if 0 <= outer < len(path)
+            for place in _places_beside(
+                walk,
+                (first, last),
+                inner,
+                places[path[outer]] @ walk.level_from_keys[outer],
+                options,
+            )
+        ]
+        if found:
+            return found
+    return []
 
 
-def _parts(prepared: PreparedScan, cuts: Int[np.ndarray, " c"]) -> list[tuple[int, int]]:
-    """First and last keyframe of each part with enough wall; the others belong to the part before."""
-    n = len(prepared.level_from_keys)
-    part = np.searchsorted(cuts, np.arange(n))
-    frames = prepared.measurements.structure.walls.frame_idx
-    n_patches = np.bincount(part[frames], minlength=len(cuts) + 1)
-    starts = [0]
-    for k in range(1, len(cuts) + 1):
-        is_first_enough = n_patches[:k].sum() >= MIN_PATCHES
-        if n_patches[k] >= MIN_PATCHES and is_first_enough:
-            starts.append(int(cuts[k - 1]) + 1)
-    ends = [*(start - 1 for start in starts[1:]), n - 1]
-    return list(zip(starts, ends, strict=True))
+def _places_beside(
+    walk: _Walk,
+    part: tuple[int, int],
+    inner: int,
+    plan_from_outer: Float[np.ndarray, "4 4"],
+    options: AlignOptions,
+) -> list[Place]:
+    """Where a part may lie on the plan, its keyframe `inner` a step from one beside that was placed."""
+    first, last = part
+    within = (walk.of_key >= first) & (walk.of_key <= last)
+    reach = reach_m(walk.recorded, usual_step(walk.recorded)[0])
+    near = replace(
+        options,
+        control_points=(),
+        start="",
+        candidate=1,
+        control_point_tolerance_m=float(reach[first - 1 if inner == first else last]),
+    )
+    known = ControlPoint(walk.level_from_keys[inner, :2, 3], plan_from_outer[:2, 3])
+    samples = walk.samples.picked(np.flatnonzero(within))
+    found = align(samples, walk.plan, near, control_points=[known])
+    return [each.plan_from_level for each in found.candidates if each.score > NULL_SCORE]
 
 
-def _walls_of(prepared: PreparedScan, first: int, last: int) -> WallSamples:
-    structure = prepared.measurements.structure
-    n = len(prepared.level_from_keys)
-    part = structure.with_walls_of(_is_within(n, first, last))
-    return wall_samples(part, prepared.level_from_keys)
+def _likeliest(walk: _Walk, places: Sequence[Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
+    """Numbers of the places in the likeliest sequence (Viterbi 1967); the last one is of a place not known."""
+    log = [walk.log_likelihood(place) for place in places] + [walk.unexplained()] * or_unknown
+    n, n_places, n_states = len(log[0]), len(places), len(log)
+    change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to
+    for a, b in np.ndindex(n_states, n_states):
+        if a != b:
+            is_known = max(a, b) < n_places
+            odds = walk.log_odds(places[a], places[b]) if is_known else -np.log(JUMP_ODDS)
+            change[:, a, b] = odds
+    best, came_from = np.array([each[0] for each in log]), np.zeros((n, n_states), dtype=int)
+    for k in range(1, n):
+        total = best[:, None] + change[k - 1]
+        came_from[k] = np.argmax(total, axis=0)
+        best = total.max(axis=0) + [each[k] for each in log]
+    path = np.full(n, np.argmax(best))
+    for k in range(n - 1, 0, -1):
+        path[k - 1] = came_from[k, path[k]]
+    return path
 
 
-def _is_within(n: int, first: int, last: int) -> Bool[np.ndarray, " n"]:
-    return (np.arange(n) >= first) & (np.arange(n) <= last)
-
-
-def _is_any_poor(
-    prepared: PreparedScan, parts: list[tuple[int, int]], plan: Floorplan, found: Alignment
-) -> bool:
-    """Whether the plan explains little of a part where the whole was aligned."""
-    here = AlignmentHypothesis.from_transform(found.plan_from_level)
-    scores = []
-    for first, last in parts:
-        samples, weights = thin(_walls_of(prepared, first, last), MAX_SAMPLES)
-        scores.append(explained(samples, weights, plan, here)[0])
-    return min(scores) < POOR_SCORE
-
-
-def _chained(prepared: PreparedScan, tracking: Tracking, parts: list[_Part]) -> Tracking | None:
-    """The walk with each part where it lies on the plan, from the surest one on to both sides."""
-    good = [k for k, each in enumerate(parts) if _is_good(each)]
-    if not good:
-        return None
-    surest = max(good, key=lambda k: parts[k].alignment.score * (parts[k].last - parts[k].first))
-    plan_from_level: list[Float[np.ndarray, "4 4"]] = [np.eye(4)] * len(parts)
-    plan_from_level[surest] = parts[surest].alignment.plan_from_level
-    for k in range(surest + 1, len(parts)):
-        plan_from_level[k] = _place_of(
-            prepared, parts[k], plan_from_level[k - 1], parts[k].first - 1
-        )
-    for k in range(surest - 1, -1, -1):
-        plan_from_level[k] = _place_of(prepared, parts[k], plan_from_level[k + 1], parts[k].last)
-    return _with_jumps(prepared, tracking, parts, plan_from_level)
-
-
-def _is_good(part: _Part) -> bool:
-    return part.alignment.is_sure and part.alignment.score >= GOOD_SCORE
-
-
-def _place_of(
-    prepared: PreparedScan,
-    part: _Part,
-    beside: Float[np.ndarray, "4 4"],
-    step: int,
-) -> Float[np.ndarray, "4 4"]:
-    """plan_from_level of a part, next to one that was placed; as recorded where walls do not tell.
-
-    No place is believed that the walk would leap to, whatever fits there: a room behind a mirror, 13.7 m off.
-    """
-    found = part.alignment
-    if found.score < GOOD_SCORE:
-        return beside
-    poses, recorded = prepared.level_from_keys, prepared.measurements.odometry.cam_from_next
-    usual = usual_step(recorded)
-    places = [found.plan_from_level]
-    if not found.is_sure:
-        near = [each for each in found.candidates if each.score > found.score - NEARLY_AS_GOOD]
-        places = [each.plan_from_level for each in near] or places
-
-    def step_to(place: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "1 4 4"]:
-        before, after = (beside, place) if step < part.first else (place, beside)
-        return (se3.inverse(before @ poses[step]) @ after @ poses[step + 1])[None]
-
-    walked = [
-        place for place in places if not leaps(step_to(place), recorded[step][None], usual[0])[0]
-    ]
-    return min(walked, key=lambda place: times_usual(step_to(place), usual)[0], default=beside)
+def _runs(path: Int[np.ndarray, " n"]) -> list[tuple[int, int, int]]:
+    """State, first and last index of each run."""
+    starts = [0, *(np.flatnonzero(np.diff(path)) + 1).tolist()]
+    ends = [*(start - 1 for start in starts[1:]), len(path) - 1]
+    return [(int(path[a]), a, b) for a, b in zip(starts, ends, strict=True)]
 
 
 def _with_jumps(
     prepared: PreparedScan,
     tracking: Tracking,
     parts: list[_Part],
-    plan_from_level: list[Float[np.ndarray, "4 4"]],
 ) -> Tracking | None:
     """The tracking with its steps from part to part as the plan says, where that is a jump from recorded."""
     keys, poses = prepared.keyframes.frame_idx, tracking.world_from_cams.copy()
@@ -198,8 +262,8 @@ def _with_jumps(
     for k in range(1, len(parts)):
         before, after = parts[k].first - 1, parts[k].first
         on_plan = [
-            place @ prepared.level_from_keys[key]
-            for place, key in ((plan_from_level[k - 1], before), (plan_from_level[k], after))
+            part.place @ prepared.level_from_keys[key]
+            for part, key in ((parts[k - 1], before), (parts[k], after))
         ]
         told = se3.inverse(on_plan[0]) @ on_plan[1]
         recorded = se3.inverse(poses[keys[before]]) @ poses[keys[after]]
@@ -233,14 +297,15 @@ def _with_jumps(
     )
 
 
-def contradict_places(
+def matched_elsewhere(
     surfaces: SurfacePairs, before: Tracking, placed: Tracking
 ) -> Bool[np.ndarray, " p"]:
-    """Pairs by surfaces over a step that walls placed, which show another motion than the walls do.
+    """Pairs over a step that walls placed whose surfaces were brought together at another motion.
 
-    Frames beside a jump that see the same corner are led astray by another like it together, so each confirms
-    the other: two pairs of 0.3 of the views put a part 2.6 m along an office that the plan had placed within
-    0.2 m.
+    They were sought about the recorded motion, which is wrong here, and found what is alike there: the other
+    end of a corridor, in a direction that they leave free too. Two pairs of 0.3 of the views put a part 2.6 m
+    along an office that the plan had placed within 0.2 m; 21 at the recorded motion, none 3 sigmas off the
+    truth in what it observes, together put one 0.86 m along a lounge.
 
     Args:
         surfaces: of all frames.
@@ -250,10 +315,8 @@ def contradict_places(
     is_placed = np.any(before.odometry.cam_from_next != placed.odometry.cam_from_next, axis=(1, 2))
     n_placed = np.concatenate([[0], np.cumsum(is_placed)])
     i, j = surfaces.pairs.T
-    over = np.flatnonzero(n_placed[j] > n_placed[i])
-    i, j = i[over], j[over]
     told = se3.inverse(placed.world_from_cams[i]) @ placed.world_from_cams[j]
-    off = squared_sigmas(surfaces[over], told, placed.odometry.sigma_between(i, j))
-    contradicts = np.zeros(len(surfaces), dtype=bool)
-    contradicts[over] = off > AGREE_SIGMAS**2
-    return contradicts
+    off = se3.difference(told, surfaces.a_from_b).reshape(-1, 2, 3)
+    sigmas = np.stack(placed.odometry.sigma_between(i, j), axis=-1)
+    is_off = np.sum((off / sigmas[..., None]) ** 2, axis=(1, 2)) > AGREE_SIGMAS**2
+    return is_off & (n_placed[j] > n_placed[i])

@@ -169,6 +169,12 @@ def leaps(
     return is_long & (change_m > LEAP_CHANGED * recorded_m)
 
 
+def reach_m(recorded: Float[np.ndarray, "s 4 4"], usual_m: float) -> Float[np.ndarray, " s"]:
+    """How far each step may lead and be no leap."""
+    recorded_m = np.linalg.norm(recorded[:, :3, 3], axis=1)
+    return np.maximum(max(LEAP * usual_m, LEAP_M), (1.0 + LEAP_CHANGED) * recorded_m)
+
+
 def without_leaps(
     motions: MeasuredMotions, recorded: Float[np.ndarray, "n 4 4"]
 ) -> MeasuredMotions:

@@ -132,7 +132,7 @@ def measure_surface_neighbours(
 
     def by_agreement(one: Registered) -> float:
         # Not what is explained: a camera that walked on shares less with its own view than one that stood.
-        return one.agreement if one.explained >= MIN_OVERLAP else 0.0
+        return one.agreement
 
     def one(k: int) -> Arrays:
         i, j = (int(v) for v in pairs[k])
