@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from planfit.errors import ScanError
 from planfit.scan.laser.trajectory import TUM, named_columns, parse_trajectory
 from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
-from planfit.scan.tables import number_table, shorten
+from planfit.scan.tables import number_table, shorten, with_decimal_points
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
@@ -54,13 +54,13 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     Raises:
         ScanError: it is of none of these kinds.
     """
+    content = with_decimal_points(content, path)
     if not _is_euroc(content) and _has_names(content):
         named = parse_trajectory(content, path)
         return PoseTable("tum", named.times, named.world_from_scanner)
+    content = content.replace(";", " ")
     table = number_table(content.replace(",", " "))
-    # Eight columns with commas are no TUM: four numbers with decimal commas have as many.
-    kinds = (9, 12, 16) if "," in content else (8, 9, 12, 16)
-    if table is not None and table.shape[1] in kinds and not _is_euroc(content):
+    if table is not None and table.shape[1] in (8, 9, 12, 16) and not _is_euroc(content):
         return _of_numbers(table, content, path)
     rows = [
         text.split()

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.poses import MAX_ENTRY, poses_at
-from planfit.scan.tables import shorten
+from planfit.scan.tables import shorten, with_decimal_points
 
 MAX_GAP_S = 0.2
 """A place is known this near to a recorded one, and between two that are five times as far apart."""
@@ -149,7 +149,7 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
     Raises:
         ScanError: it is of another form, or leaves open what its columns mean.
     """
-    header, rows, separator = _split(text)
+    header, rows, separator = _split(with_decimal_points(text, path))
     if not rows:
         raise ScanError(f"{path}: expected {EXPECTED}, found no line of numbers")
     if len(rows) > 2 and len(rows[-1]) < len(rows[0]):
