@@ -25,8 +25,8 @@ _RECORDS = (("records of variable length", 100, 54), ("extended records", 243, 6
 """What a header counts, at which byte, and how many bytes one takes at least."""
 NOISE = (7, 18)
 """Classes of points that ASPRS calls low and high noise."""
-MAX_TIME_S = 1e19
-"""Nanoseconds since 1970 are below; a damaged file has any number."""
+MAX_TIME = 1e25
+"""What clocks count in the smallest of units is below (`CLOCK_UNITS`); a damaged file has any number."""
 CRS_RECORDS = "LASF_Projection"
 N_SEEKS, PER_SEEK = 12, 2000
 
@@ -80,7 +80,7 @@ class LasFile:
                 found.append(np.array(reader.read_points(PER_SEEK).gps_time, dtype=float))
         times = np.concatenate(found)
         with np.errstate(invalid="ignore"):
-            return times[np.abs(times) < MAX_TIME_S]
+            return times[np.abs(times) < MAX_TIME]
 
     def pieces(self) -> Iterator[TimedPoints]:
         """All points, in the order of the file."""
