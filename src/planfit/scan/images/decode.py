@@ -14,6 +14,8 @@ from planfit.compiled import kernel
 from planfit.errors import ScanError
 from planfit.scan.tables import shorten
 
+USUAL_DEPTH_M = (0.2, 20.0)
+"""The middle of what a depth camera sees in a building lies between these."""
 MAX_PIXELS = 100_000_000
 """No depth camera has more; a damaged header may claim anything."""
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -72,7 +74,8 @@ def decode_color(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
 def decode_depth(
     data: bytes, metres_per_unit: float, path: Path, metres_per_float: float = 1.0
 ) -> Float[np.ndarray, "h w"]:
-    """The bytes of a 16-bit depth image, or of a `.npy` array, to float32 m, NaN where nothing was measured.
+    """The bytes of a depth image of 16-bit or floating-point numbers (TIFF), or of a `.npy` array, to float32
+    m, NaN where nothing was measured.
 
     Args:
         data: of the file.
@@ -89,10 +92,10 @@ def decode_depth(
         except (ValueError, OSError, EOFError) as error:
             raise ScanError(f"{path}: expected an array of depth, found {error}") from error
         raw = raw.squeeze()
-        if raw.ndim == 2 and raw.dtype.kind == "f":
-            return depth_from_metres(raw * metres_per_float)
     else:
         raw = decode_image(data, path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim == 2 and raw.dtype.kind == "f":
+        return depth_from_metres(raw * metres_per_float)
     return depth_from_raw(raw, metres_per_unit, path)
 
 
