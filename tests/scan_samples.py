@@ -212,6 +212,27 @@ def write_nerfstudio(folder, s):
     )  # fmt: skip
 
 
+def write_rtabmap_export(folder, s, of_camera=True):
+    """As rtabmap-export writes images by node, with poses of the camera or of the robot's base."""
+    base_from_cam = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.2], [0, -1, 0, 0.5], [0, 0, 0, 1.0]])
+    poses = s.poses if of_camera else s.poses @ np.linalg.inv(base_from_cam)
+    lines = ["#timestamp x y z qx qy qz qw id"]
+    for i, pose in enumerate(poses):
+        put(folder / "walk_rgb" / f"{3 * i + 1}.jpg", jpg(s.color[i]))
+        put(folder / "walk_depth" / f"{3 * i + 1}.png", png(s.depth_mm[i]))
+        matrix, mount = (
+            ", ".join(map(repr, m.ravel().tolist())) for m in (k_of(s.camera), base_from_cam[:3])
+        )
+        put(folder / "walk_calib" / f"{3 * i + 1}.yaml",
+            f'%YAML:1.0\n---\ncamera_name: "{3 * i + 1}"\nimage_width: {WIDTH}\nimage_height: {HEIGHT}\n'
+            f"camera_matrix:\n   rows: 3\n   cols: 3\n   data: [ {matrix} ]\n"
+            f"local_transform:\n   rows: 3\n   cols: 4\n   data: [ {mount} ]\n")  # fmt: skip
+        numbers = " ".join(f"{v:.9f}" for v in (*pose[:3, 3], *quaternion(pose)))
+        lines.append(f"{s.times[i]:.6f} {numbers} {3 * i + 1}")
+    name = "walk_camera_poses.txt" if of_camera else "walk_poses.txt"
+    put(folder / name, "\n".join(lines) + "\n")
+
+
 def write_video(path, images, fps=30, gop=3, first=0):
     """Frames at the times first, first + 1, ...; an edit list hides those before 0."""
     import av
@@ -394,6 +415,7 @@ WRITERS = {
     "scannet": write_scannet,
     "replica": write_replica,
     "nerfstudio": write_nerfstudio,
+    "rtabmap-export": write_rtabmap_export,
     "stray": write_stray,
     "record3d": write_record3d,
     "scanner-app": write_scanner_app,
@@ -412,5 +434,5 @@ HALF_DEPTH = {
     "arkit-scenes",
     "scannetpp",
 }
-LOSSY_COLOR = HALF_DEPTH | {"replica"}
+LOSSY_COLOR = HALF_DEPTH | {"replica", "rtabmap-export"}
 HAS_CONFIDENCE = HALF_DEPTH - {"bundlefusion", "scannet", "scannetpp"}

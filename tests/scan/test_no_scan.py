@@ -90,14 +90,13 @@ def test_a_colmap_model_without_depth(tmp_path):
     assert message.endswith("planfit needs depth of every frame")
 
 
-def test_what_rtabmap_exports_is_answered_with_its_database(tmp_path):
+def test_images_of_rtabmap_without_poses_are_answered_with_its_database(tmp_path):
     for name in (
         "walk_rgb/1.jpg",
         "walk_depth/1.png",
         "walk_calib/1.yaml",
-        "walk_camera_poses.txt",
     ):
         put(tmp_path / name, b"")
-    assert told(tmp_path).startswith(
-        "expected a scan, found what RTAB-Map exported; give its database"
-    )
+    message = told(tmp_path)
+    assert message.startswith("expected a list of poses (camera_poses.txt), found none")
+    assert "or give the database" in message

@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -22,6 +23,7 @@ from scan_samples import (
     put,
     quaternion,
     write_polycam,
+    write_rtabmap_export,
     write_scanner_app,
     write_stray,
     write_tum,
@@ -255,3 +257,93 @@ def test_3d_scanner_app_is_read_in_the_order_of_its_numbers(sample, tmp_path):
     first.write_text(json.dumps({**content, "time": content["time"] + 1000.0}))
     ids = read_scan(tmp_path).frame_ids
     assert list(ids) == sorted(ids)
+
+
+@pytest.mark.parametrize("is_depth_first", [False, True])
+@pytest.mark.parametrize(
+    ("list_name", "poses_name"),
+    [("associations.txt", "CameraTrajectory.txt"), ("associate.txt", "room.gt.freiburg")],
+)
+def test_tum_with_a_list_of_pairs(is_depth_first, list_name, poses_name, sample, tmp_path):
+    """ORB-SLAM's input and output, and ICL-NUIM's."""
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_tum(path, sample)
+    rows = zip(
+        *((path / f"{n}.txt").read_text().splitlines()[1:] for n in ("rgb", "depth")), strict=False
+    )
+    order = slice(None, None, -1 if is_depth_first else 1)
+    listed = [
+        row
+        for row in rows
+        if not row[1].startswith("#") and "rgb/" in row[0] and "depth/" in row[1]
+    ]
+    put(path / list_name, "\n".join(" ".join(row[order]) for row in listed) + "\n")
+    (path / "groundtruth.txt").rename(path / poses_name)
+    for name in ("rgb.txt", "depth.txt"):
+        (path / name).unlink()
+    scan = read_scan(path)
+    assert (scan.format, scan.warnings) == ("tum", ())
+    assert len(scan) == len(listed)
+    shown = [int(np.argmin(np.abs(sample.times - t))) for t in scan.timestamps]
+    assert_allclose(scan.world_from_cams, sample.poses[shown], atol=1e-6)
+    assert scan.files.color(0) is not None
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    assert [p.name for p in out.iterdir()] == [poses_name]
+    if poses_name.endswith(".freiburg"):
+        (path / "calibration.txt").unlink()
+        assert read_scan(path).warnings[0].endswith("those of ICL-NUIM")
+
+
+@pytest.mark.parametrize("name", ["intrinsics_{}.txt", "intrinsic_{}.txt"])
+def test_scannet_as_its_frames_of_25k(name, sample, tmp_path):
+    path = tmp_path / "scan"
+    WRITERS["scannet"](path, sample)
+    for kind in ("color", "depth"):
+        (path / f"intrinsic/intrinsic_{kind}.txt").rename(path / name.format(kind))
+    for i in reversed(range(N)):
+        for folder, end in (("color", "jpg"), ("depth", "png"), ("pose", "txt")):
+            (path / folder / f"{i}.{end}").rename(path / folder / f"{100 * i:06d}.{end}")
+    scan = read_scan(path)
+    assert scan.frame_ids == tuple(f"{100 * i:06d}" for i in range(N))
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    assert_allclose(scan.cameras[0].fx, sample.camera.fx)
+
+
+def test_rtabmap_with_poses_of_its_base(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_rtabmap_export(path, sample, of_camera=False)
+    scan = read_scan(path)
+    assert "robot's base" in scan.warnings[0]
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    again, before = ((p / "walk_poses.txt").read_text().splitlines() for p in (out, path))
+    assert [line.split()[-1] for line in again] == [line.split()[-1] for line in before]
+    numbers = [np.loadtxt(lines) for lines in (again, before)]
+    assert_allclose(numbers[0], numbers[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tif"])
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, 1e3), (1e3, 1.0)])
+def test_nerfstudio_with_floating_point_depth(suffix, scale, unit, sample, tmp_path):
+    """Metres, as apps write; millimetres, as nerfstudio has them."""
+    WRITERS["nerfstudio"](tmp_path, sample)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    content.pop("integer_depth_scale", None)
+    for i, frame in enumerate(content["frames"]):
+        image = (sample.depth_mm[i] / 1e3 * scale).astype(np.float32)
+        frame["depth_file_path"] = f"depth/{i}{suffix}"
+        (tmp_path / "depth").mkdir(exist_ok=True)
+        if suffix == ".npy":
+            np.save(tmp_path / frame["depth_file_path"], image)
+        else:
+            cv2.imwrite(str(tmp_path / frame["depth_file_path"]), image)
+    put(tmp_path / "transforms.json", json.dumps(content))
+    scan = read_scan(tmp_path)
+    assert [("millimetres" in w) for w in scan.warnings] == ([True] if scale > 1 else [])
+    expected = np.where(sample.depth_mm[0] > 0, sample.depth_mm[0] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(0), expected, rtol=1e-5)
+    said = read_scan(tmp_path, options=ScanOptions(depth_scale=unit / 1e3))
+    assert said.warnings == ()
+    assert_allclose(said.files.depth(0), expected, rtol=1e-5)

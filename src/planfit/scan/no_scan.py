@@ -104,11 +104,6 @@ def no_scan_in_folder(
         more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
         which = "one of them" if len(inside) > 1 else "it"
         return ScanError(f"{begin} a folder that holds {named}{more}; give {which}")
-    ends = {name.rpartition("_")[2] for name in source.folders() if "_" in name}
-    if {"rgb", "depth", "calib"} <= ends:  # as rtabmap-export --images calls its folders
-        return ScanError(
-            f"{begin} what RTAB-Map exported; give its database itself, the .db file, which has the poses too"
-        )
     near = nearest(source, layouts)
     if near:
         name, missing = near

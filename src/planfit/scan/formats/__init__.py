@@ -20,6 +20,7 @@ READERS = {
     "redwood": "pose_lists.REDWOOD",
     "nerfstudio": "nerfstudio.NERFSTUDIO",
     "colmap": "colmap.COLMAP",
+    "rtabmap-export": "rtabmap_export.RTABMAP_EXPORT",
     "rtabmap": "rtabmap.RTABMAP",
     "sens": "sens.SENS",
     "las": "las.LAS",

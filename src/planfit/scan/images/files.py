@@ -121,6 +121,8 @@ def whole_image_size(source: FileSource, name: str) -> Size:
     head, tail = source.ends(name)
     if path.suffix.lower() == ".exr":
         return exr_size(head, path)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        return header_size(source.read(name), path)  # what a header says may stand at the end
     try:
         size = header_size(head, path)
     except ScanError:
