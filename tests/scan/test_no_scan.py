@@ -86,7 +86,7 @@ def test_a_colmap_model_without_depth(tmp_path):
     for name in ("sparse/0/cameras.bin", "sparse/0/images.bin", "images/a.jpg"):
         put(tmp_path / name, b"")
     message = told(tmp_path)
-    assert "format colmap, of which depth/ or depths/ is missing" in message
+    assert "format colmap, of which depth/ or depths/ or stereo/depth_maps/ is missing" in message
     assert message.endswith("planfit needs depth of every frame")
 
 

@@ -22,7 +22,9 @@ from scan_samples import (
     png,
     put,
     quaternion,
+    write_colmap,
     write_polycam,
+    write_redwood,
     write_rtabmap_export,
     write_scanner_app,
     write_stray,
@@ -347,3 +349,69 @@ def test_nerfstudio_with_floating_point_depth(suffix, scale, unit, sample, tmp_p
     said = read_scan(tmp_path, options=ScanOptions(depth_scale=unit / 1e3))
     assert said.warnings == ()
     assert_allclose(said.files.depth(0), expected, rtol=1e-5)
+
+
+def test_open3d_with_a_trajectory_as_json(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_redwood(path, sample)
+    intrinsic = json.loads((path / "camera_intrinsic.json").read_text())
+    cameras = [
+        {"class_name": "PinholeCameraParameters", "intrinsic": intrinsic,
+         "extrinsic": np.linalg.inv(pose).ravel(order="F").tolist()}
+        for pose in sample.poses
+    ]  # fmt: skip
+    for name in ("camera_intrinsic.json", "trajectory.log"):
+        (path / name).unlink()
+    put(path / "trajectory.json", json.dumps({"parameters": cameras}))
+    scan = read_scan(path)
+    assert (scan.format, scan.warnings) == ("redwood", ())
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-9)
+    assert_allclose(scan.cameras[0].fy, sample.camera.fy)
+    moved = sample.poses.copy()
+    moved[:, 2, 3] += 0.5
+    out.mkdir()
+    scan.files.write_poses(out, moved)
+    (out / "trajectory.json").replace(path / "trajectory.json")
+    assert_allclose(read_scan(path).world_from_cams, moved, atol=1e-9)
+    put(path / "trajectory.json", json.dumps({"parameters": [1]}))
+    with pytest.raises(ScanError, match="expected a list `parameters`"):
+        read_scan(path)
+
+
+def test_replica_of_semantic_nerf(sample, tmp_path):
+    rows = "\n".join(" ".join(f"{v:.18e}" for v in pose.ravel()) for pose in sample.poses)
+    put(tmp_path / "traj_w_c.txt", rows + "\n")
+    for i in range(N):
+        put(tmp_path / "rgb" / f"rgb_{i}.png", png(sample.color[i]))
+        put(tmp_path / "depth" / f"depth_{i}.png", png(sample.depth_mm[i]))
+    scan = read_scan(tmp_path)
+    assert (scan.format, len(scan), scan.warnings) == ("replica", N, ())
+    c = scan.cameras[0]
+    assert (c.fx, c.fy, c.cx, c.cy) == (WIDTH / 2, WIDTH / 2, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-9)
+    expected = np.where(sample.depth_mm[2] > 0, sample.depth_mm[2] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(2), expected, rtol=1e-6)
+    scan.files.write_poses(tmp_path, scan.world_from_cams)
+    assert_allclose(
+        np.loadtxt(tmp_path / "traj_w_c.txt").reshape(-1, 4, 4), sample.poses, atol=1e-8
+    )
+
+
+def test_colmap_with_its_own_depth(sample, tmp_path):
+    write_colmap(tmp_path, sample)
+    (folder,) = (tmp_path / name for name in ("depth", "depths") if (tmp_path / name).is_dir())
+    for file in list(folder.iterdir()):
+        file.unlink()
+    folder.rmdir()
+    for i, file in enumerate(sorted((tmp_path / "images").rglob("*.*"))):
+        depth = (sample.depth_mm[i] / 1e3).astype("<f4")
+        name = file.relative_to(tmp_path / "images")
+        head = f"{WIDTH}&{HEIGHT}&1&".encode()
+        put(tmp_path / f"stereo/depth_maps/{name}.geometric.bin", head + depth.tobytes())
+    scan = read_scan(tmp_path)
+    assert (scan.format, len(scan)) == ("colmap", N)
+    expected = np.where(sample.depth_mm[1] > 0, sample.depth_mm[1] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(1), expected, rtol=1e-6)
+    put(tmp_path / f"stereo/depth_maps/{name}.geometric.bin", head + b"0")
+    with pytest.raises(ScanError, match="expected depth as COLMAP writes it"):
+        read_scan(tmp_path)

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import struct
 from pathlib import Path
 
@@ -92,11 +93,30 @@ def decode_depth(
         except (ValueError, OSError, EOFError) as error:
             raise ScanError(f"{path}: expected an array of depth, found {error}") from error
         raw = raw.squeeze()
+    elif path.suffix.lower() == ".bin":
+        raw = read_dense_map(data, path)
     else:
         raw = decode_image(data, path, cv2.IMREAD_UNCHANGED)
     if raw.ndim == 2 and raw.dtype.kind == "f":
         return depth_from_metres(raw * metres_per_float)
     return depth_from_raw(raw, metres_per_unit, path)
+
+
+def read_dense_map(data: bytes, path: Path) -> Float[np.ndarray, "h w"]:
+    """Depth as COLMAP's patch_match_stereo writes it: `width&height&1&`, then float32 by row.
+
+    Raises:
+        ScanError: it is none.
+    """
+    head = re.match(rb"(\d{1,6})&(\d{1,6})&1&", data)
+    width, height = (int(number) for number in head.groups()) if head else (0, 0)
+    begin = head.end() if head else 0
+    if not width * height or len(data) - begin != 4 * width * height:
+        raise ScanError(
+            f"{path}: expected depth as COLMAP writes it (width&height&1& and as many numbers), found other "
+            "bytes; copy it again from the source"
+        )
+    return np.frombuffer(data, "<f4", width * height, begin).reshape(height, width)
 
 
 def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> Float[np.ndarray, "h w"]:

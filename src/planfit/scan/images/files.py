@@ -115,7 +115,7 @@ def whole_image_size(source: FileSource, name: str) -> Size:
         ScanError: it does not.
     """
     path = source.path / name
-    if name.lower().endswith(".npy"):
+    if name.lower().endswith((".npy", ".bin")):
         height, width = decode_depth(source.read(name), 1.0, path).shape
         return width, height
     head, tail = source.ends(name)
