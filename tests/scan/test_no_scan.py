@@ -100,3 +100,34 @@ def test_images_of_rtabmap_without_poses_are_answered_with_its_database(tmp_path
     message = told(tmp_path)
     assert message.startswith("expected a list of poses (camera_poses.txt), found none")
     assert "or give the database" in message
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (
+            ["rgb/1.png", "depth/1.png", "poses/1.txt", "intrinsic/intrinsic_color.txt"],
+            [
+                "most of one of the format scannet; it",
+                "rename rgb/ to color/, rename poses/ to pose/",
+            ],
+        ),
+        (
+            ["images/1.png", "depth/1.png", "cameras.json"],
+            ["format nerfstudio, of which transforms.json is missing", "add what is missing"],
+        ),
+        (
+            ["rgb/1.png", "depth/1.png", "K.txt"],
+            ["format redwood, of which trajectory.log is missing"],
+        ),
+        (
+            ["frames/1.png", "depth/1.png", "camera.json"],
+            ["most of one of the format", "rename frames/ to images/"],
+        ),
+    ],
+)
+def test_the_nearest_layout_is_named_and_what_to_rename(names, words, tmp_path):
+    for name in names:
+        put(tmp_path / name, b"")
+    message = told(tmp_path)
+    assert [word for word in words if word not in message] == []

@@ -22,6 +22,7 @@ from scan_samples import (
     png,
     put,
     quaternion,
+    write_arkit_scenes,
     write_colmap,
     write_polycam,
     write_redwood,
@@ -415,3 +416,49 @@ def test_colmap_with_its_own_depth(sample, tmp_path):
     put(tmp_path / f"stereo/depth_maps/{name}.geometric.bin", head + b"0")
     with pytest.raises(ScanError, match="expected depth as COLMAP writes it"):
         read_scan(tmp_path)
+
+
+def test_arkit_scenes_of_the_first_release(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_arkit_scenes(path, sample)
+    right = read_scan(path)
+    color = next(name for name in ("vga_wide", "lowres_wide", "wide") if (path / name).is_dir())
+    for old, new in (
+        (color, "wide"),
+        (f"{color}_intrinsics", "color_intrinsics"),
+        ("lowres_depth", "depth_densified"),
+    ):
+        for file in sorted((path / old).iterdir()):
+            name = file.name.split("_")[-1]
+            put(path / new / name, file.read_bytes())
+            file.unlink()
+        (path / old).rmdir()
+    (path / "lowres_wide.traj").rename(path / "color.traj")
+    scan = read_scan(path)
+    assert (scan.format, len(scan)) == ("arkit-scenes", len(right))
+    assert_allclose(scan.world_from_cams, right.world_from_cams)
+    assert scan.cameras == right.cameras
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    assert [p.name for p in out.iterdir()] == ["color.traj"]
+
+
+@pytest.mark.parametrize(
+    ("times", "is_told"),
+    [
+        (np.arange(N) / 30, False),
+        (np.full(N, 1 / 30), True),
+        ([5.0, 6.0, 7.0, 1.0, 2.0, 3.0], True),
+    ],
+)
+def test_nerfstudio_with_times_of_several_clocks_or_durations(times, is_told, sample, tmp_path):
+    WRITERS["nerfstudio"](tmp_path, sample)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    for i, frame in enumerate(content["frames"]):
+        frame["timestamp"] = float(times[i])
+        frame["transform_matrix"][0][3] = float(i)
+    put(tmp_path / "transforms.json", json.dumps(content))
+    scan = read_scan(tmp_path)
+    assert_allclose(scan.world_from_cams[:, 0, 3], np.arange(N))
+    assert_allclose(scan.timestamps, np.arange(N) if is_told else times)
+    assert ["order of the list" in w for w in scan.warnings] == [True] * is_told

@@ -50,7 +50,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:
             f"{path}: expected frames with depth_file_path, found none; planfit needs depth, process "
             "the capture with depth"
         )
-    times = _times(listed)
+    times, told_of_times = _times(listed)
     frames = [
         _frame(source, item, time, f"{path}, frame {i}")
         for i, (item, time) in enumerate(zip(listed, times, strict=True))
@@ -58,7 +58,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:
     item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
     metres_per_float, told = _unit_of_floats(source, frames)
     transforms = _Transforms(content, item_of, str(path), metres_per_float)
-    warnings = [*told] if options.depth_scale is None else []
+    warnings = [*told_of_times, *(told if options.depth_scale is None else [])]
     listing = sorted(frames, key=lambda frame: frame.time)
     return Listing(source, listing, transforms, [NAME], warnings=warnings)
 
@@ -93,13 +93,30 @@ def _image_name(source: FileSource, name: str) -> str:
     return first_of(source, [f"{path}{suffix}" for suffix in ("", ".png", ".jpg", ".jpeg")])
 
 
-def _times(listed: Sequence[object]) -> list[float]:
-    """`timestamp` of each frame where all have one: NeRFCapture lists frames as they were written, which is
-    not as they were taken. Else their places in the list."""
+def _times(listed: Sequence[object]) -> tuple[list[float], list[str]]:
+    """`timestamp` of each frame where all have one, and what to say of them: NeRFCapture lists frames as they
+    were written, which is not as they were taken. Else their places in the list; also where the path would be
+    longer in the order of times, which then are of several clocks, or are durations."""
+    places = [float(i) for i in range(len(listed))]
     found = [item.get("timestamp") if isinstance(item, dict) else None for item in listed]
     times = [float(t) for t in found if isinstance(t, int | float) and np.isfinite(t)]
-    is_clock = len(times) == len(listed) and len(set(times)) == len(times)
-    return times if is_clock else [float(i) for i in range(len(listed))]
+    if len(times) < len(listed):
+        return places, []
+    matrices = [item.get("transform_matrix") for item in listed if isinstance(item, dict)]
+    try:
+        positions = np.array(matrices, dtype=float).reshape(-1, 4, 4)[:, :3, 3]
+    except (ValueError, TypeError):
+        return times, []  # the matrix that is none is named when it is read
+    by_time = positions[np.argsort(times, kind="stable")]
+    as_listed_m, by_time_m = (
+        np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (positions, by_time)
+    )
+    if len(set(times)) == len(times) and not by_time_m > as_listed_m:
+        return times, []
+    return places, [
+        f"timestamps of {NAME} repeat or contradict the path, as of several clocks: frames are in the order "
+        "of the list, without times"
+    ]
 
 
 def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
@@ -170,8 +187,8 @@ first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfst
 of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures).
 Floating-point numbers (`.npy`, TIFF, EXR) are metres; in `.npy` and TIFF millimetres, as nerfstudio has it,
 where half of them are beyond 200, which is told. A `file_path` without suffix is a .png or .jpg, as in
-Instant-NGP. Frames are taken in the order of their `timestamp` where all have one. The axes of the world are
-anyone's.
+Instant-NGP. Frames are taken in the order of their `timestamp` where all have one and the path is no longer
+for it; else in that of the list, which is told. The axes of the world are anyone's.
 """,
     expects="transforms.json with frames that have depth_file_path (or depth_path)",
     checked=(

@@ -284,7 +284,7 @@ depth hold times (`000123-000004100.png`), depth belongs to colour by number, no
         "blocks and numbers; Open3D reads what `export --to open3d` writes",
     ),
     told_by=("|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/", "|".join(LOGS)),
-    parts=(LOGS[0], "color/", "depth/"),
+    parts=(LOGS[0], "|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/"),
     frames=_counted_frames,
     lens=lambda found: pinhole_lens(
         _intrinsics(found.source, found.content),

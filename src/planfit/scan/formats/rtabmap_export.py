@@ -146,7 +146,7 @@ of this too. Refined poses are written as such a list.
         "names of folders and files, columns of poses, where the camera is on the robot",
     ),
     told_by=lambda source: _prefix(source) is not None,
-    parts=("rgb/", "depth/", "calib/"),
+    parts=("rgb/", "depth/", "calib/", "camera_poses.txt"),
     frames=_frames,
     lens=_lens,
     write=_write,
