@@ -13,7 +13,7 @@ from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import READERS, layouts, whole_files
-from planfit.scan.images.decode import USUAL_DEPTH_M
+from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
@@ -22,8 +22,6 @@ from planfit.scan.recording import Recording, scan_from_recording
 from planfit.scan.source import FileSource, ZipSource, open_source
 from planfit.scan.types import Scan, ScanOptions
 from planfit.scan.views import tolerate_corrupt_frames
-
-N_DEPTH_FRAMES = 9
 
 
 def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | None = None) -> Scan:

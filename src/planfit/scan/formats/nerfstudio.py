@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from planfit.errors import ScanError
-from planfit.scan.images.decode import USUAL_DEPTH_M, decode_depth
+from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M, decode_depth
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose, from_opengl
@@ -21,7 +21,6 @@ from planfit.scan.types import ScanOptions
 NAME = "transforms.json"
 FLOATS = (".npy", ".tif", ".tiff")
 """Ends of the names of depth that may be floating-point numbers; whole ones have a unit of their own."""
-N_LOOKED_AT = 5
 DEPTH_KEYS = ("depth_file_path", "depth_path")
 KINDS = (
     "", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV_FISHEYE"
@@ -67,7 +66,7 @@ def _unit_of_floats(source: FileSource, frames: Sequence[Frame]) -> tuple[float,
     """Metres of a unit of floating-point depth, and what to say of it: nerfstudio multiplies all depth by one
     factor, a thousandth; apps and other programs write metres."""
     names = [f.depth for f in frames if f.depth.endswith(FLOATS) and source.exists(f.depth)]
-    looked_at = names[:: max(1, len(names) // N_LOOKED_AT)]
+    looked_at = names[:: max(1, len(names) // N_DEPTH_FRAMES)]
     depths = [decode_depth(source.read(name), 1.0, source.path / name) for name in looked_at]
     known = [float(np.nanmedian(one)) for one in depths if np.isfinite(one).any()]
     if not known or not USUAL_DEPTH_M[0] <= 1e-3 * np.median(known) <= USUAL_DEPTH_M[1]:

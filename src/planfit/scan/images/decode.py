@@ -15,6 +15,8 @@ from planfit.compiled import kernel
 from planfit.errors import ScanError
 from planfit.scan.tables import shorten
 
+N_DEPTH_FRAMES = 9
+"""So many frames tell the unit of a scan's depth."""
 USUAL_DEPTH_M = (0.2, 20.0)
 """The middle of what a depth camera sees in a building lies between these."""
 MAX_PIXELS = 100_000_000

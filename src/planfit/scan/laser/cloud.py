@@ -31,8 +31,8 @@ LEAP_S = 18.0
 """GPS time is ahead of UTC by this since 2017."""
 MIN_INSIDE = 0.9
 """Share of a cloud's times that its trajectory has to cover."""
-MIN_SPAN_SHARE = 0.03
-"""Of the time of its trajectory: a cloud of less, in another unit than seconds, may be of yet another."""
+MIN_SPAN_SHARE = CLOCK_UNITS[1] ** 0.5
+"""Of the time of its trajectory: a cloud of less may be of the next unit."""
 SAME_OFFSET_S = 1e-3
 SAME_SHARE = 0.002
 """Relations that cover shares of the cloud that differ by less fit alike."""

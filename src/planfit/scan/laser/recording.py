@@ -10,6 +10,7 @@ from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.priors import FRAME_RATE_HZ, STEP_AT_VIDEO_RATE_M
 from planfit.scan.formats import whole_files
 from planfit.scan.images.lens import Lens
 from planfit.scan.laser.cloud import CHUNK_POINTS, ClockRelation, CloudFile, relate_clocks
@@ -19,8 +20,8 @@ from planfit.scan.laser.kernels import move_by_time
 from planfit.scan.laser.trajectory import (
     Trajectory,
     clock_unit,
+    in_order,
     read_trajectory,
-    trajectory_of_points,
 )
 from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
@@ -209,15 +210,30 @@ def _cloud_of_path(path: Path) -> CloudFile | None:
 
 
 def _path_of_cloud(file: CloudFile) -> Trajectory:
-    if file.n_points > CHUNK_POINTS:
-        raise ScanError(
-            f"{file.path}: expected the trajectory of the scanner, found a cloud of {file.n_points:,} "
-            "points; give the trajectory that was exported with it"
-        )
-    pieces = list(file.pieces())
-    times = np.concatenate([piece.times[piece.is_valid] for piece in pieces])
-    places = np.concatenate([piece.xyz[piece.is_valid] for piece in pieces])
-    return trajectory_of_points(file.path, times, places)
+    """The path of a scanner whose places are points.
+
+    Raises:
+        ScanError: they are those of a cloud, not of a path.
+    """
+    pieces = list(file.pieces()) if file.n_points <= CHUNK_POINTS else []
+    times = np.concatenate([np.zeros(0), *(p.times[p.is_valid] for p in pieces)])
+    places = np.concatenate([np.zeros((0, 3)), *(p.xyz[p.is_valid] for p in pieces)])
+    if len(times) < 2:
+        raise _no_path(file)
+    poses = se3.make_transform(np.eye(3), places)
+    found = in_order(file.path, times, poses, ("time", "x", "y", "z"))
+    steps_m = np.linalg.norm(np.diff(found.world_from_scanner[:, :3, 3], axis=0), axis=1)
+    fastest_m_s = STEP_AT_VIDEO_RATE_M.value * FRAME_RATE_HZ.value
+    if steps_m.sum() > fastest_m_s * np.ptp(found.times):
+        raise _no_path(file)
+    return found
+
+
+def _no_path(file: CloudFile) -> ScanError:
+    return ScanError(
+        f"{file.path}: expected the path of the scanner, found {file.n_points:,} points of a cloud itself; "
+        "give the trajectory that was exported with it"
+    )
 
 
 def _frames(images: LaserImages) -> list[Frame]:

@@ -31,9 +31,8 @@ MAX_GAP_S = 0.2
 CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
 """Seconds of what clocks count, and programs that multiply twice."""
 _UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
-MIN_SPEED_M_S, MAX_SPEED_M_S = 0.005, 100.0
-"""A scanner that is carried or driven is faster on average, or its clock counts another unit; what is faster
-than cars is no scanner."""
+MIN_SPEED_M_S = 0.005
+"""A scanner that is carried or driven is faster on average, or its clock counts another unit."""
 
 _NAMES = {
     "time": "time t timestamp timestamps gpstime gps_time gps_seconds sec seconds times time_s timestamp_s",
@@ -184,32 +183,10 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
     named = {c: values[:, i] for i, c in enumerate(columns) if c}
     poses = _poses(path, named)
     times = named["time"] if "time" in named else named["time_ns"] / 1e9
-    return _in_order(path, times, poses, tuple(columns), tuple(header), rows, separator)
+    return in_order(path, times, poses, tuple(columns), tuple(header), rows, separator)
 
 
-def trajectory_of_points(
-    path: Path, times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"]
-) -> Trajectory:
-    """The path of a scanner whose places (m) are the points of a cloud, with times of the cloud's.
-
-    Raises:
-        ScanError: they are no such path.
-    """
-    if len(times) < 2:
-        raise ScanError(f"{path}: expected the path of the scanner, found {len(times)} points")
-    poses = se3.make_transform(np.eye(3), positions)
-    found = _in_order(path, times, poses, ("time", "x", "y", "z"))
-    steps_m = np.linalg.norm(np.diff(found.world_from_scanner[:, :3, 3], axis=0), axis=1)
-    if steps_m.sum() > MAX_SPEED_M_S * np.ptp(found.times):
-        raise ScanError(
-            f"{path}: expected the path of the scanner, found {len(times)} points that are "
-            f"{steps_m.sum() / np.ptp(found.times):.3g} m apart each second, a cloud itself; give the "
-            "trajectory that was exported with it"
-        )
-    return found
-
-
-def _in_order(
+def in_order(
     path: Path,
     times: Float[np.ndarray, " n"],
     poses: Float[np.ndarray, "n 4 4"],
