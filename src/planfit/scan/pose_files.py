@@ -112,7 +112,8 @@ def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> P
         return PoseTable("kitti", np.arange(len(values)), poses)
     if values.shape[1] == 8:
         return PoseTable("tum", *tum_poses(values, content, path))
-    values = values[np.isfinite(values).all(axis=1)]
+    # Lines of a tracker that was lost are left out here, so that poses and numbers are of the same lines.
+    values = values[np.isfinite(values).all(axis=1) & values[:, 4:8].any(axis=1)]
     return PoseTable("tum", *tum_poses(values[:, :8], content, path), values[:, 8])
 
 

@@ -1,7 +1,6 @@
 """Numbered images and one file of poses: Replica's renderings, Redwood's and Open3D's folders."""
 
 import json
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +15,11 @@ from planfit.geometry import se3
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import Poses, RowAFrame
+from planfit.scan.pose_files import read_poses_of
 from planfit.scan.poses import UP_Z, check_pose
 from planfit.scan.recording import Frame, LensOfFrame, pinhole_lens
 from planfit.scan.source import FileSource, FolderSource, in_order
-from planfit.scan.tables import Names, first_of, number_list, read_json, read_rows, shorten
+from planfit.scan.tables import Names, first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
 
 CALIBRATION = "cam_params.json"
@@ -217,20 +217,13 @@ def _pair(colors: list[str], depths: list[str]) -> list[tuple[str, str]]:
 
 
 def _read_log(source: FileSource, name: str) -> dict[int, Float[np.ndarray, "4 4"]]:
-    rows = read_rows(source, name, "blocks of a line of 3 numbers and four of 4")
-    try:
-        values = [[float(word) for word in row] for row in rows]
-        if [len(v) for v in values] != [3, 4, 4, 4, 4] * (len(values) // 5):
-            raise ValueError(f"{len(values)} lines that do not make such blocks")
-        if not all(math.isfinite(head[0]) for head in values[::5]):
-            raise ValueError("a frame's number that is NaN or infinite")
-    except ValueError as error:
+    table = read_poses_of(source, name)
+    if table.kind != "log" or not np.isfinite(table.keys).all():
         raise ScanError(
-            f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "
-            f"{shorten(error)}"
-        ) from error
-    # Blocks of five lines: the frame's number first, then the rows of its pose.
-    return {int(values[i][0]): np.array(values[i + 1 : i + 5]) for i in range(0, len(values), 5)}
+            f"{source.path / name}: expected blocks of a frame's number (a line of 3) and its pose (four of "
+            "4), found others"
+        )
+    return {int(number): pose for number, pose in zip(table.keys, table.poses, strict=True)}
 
 
 def _parameters(source: FileSource, name: str) -> list[dict[str, Any]]:
