@@ -114,6 +114,45 @@ def write_tum(folder, s):
     put(folder / "calibration.txt", f"{c.fx:.9f} {c.fy:.9f} {c.cx:.9f} {c.cy:.9f}\n")
 
 
+def write_openloris(folder, s):
+    """The robot's base, from which the camera is two frames away, one of them the other way round."""
+    base_from_mast = np.array([[0, -1, 0, 0.3], [1, 0, 0, 0], [0, 0, 1, 1.0], [0, 0, 0, 1.0]])
+    cam_from_mast = np.array([[0, -1, 0, 0.02], [0, 0, -1, 0], [1, 0, 0, 0.1], [0, 0, 0, 1.0]])
+    base_from_cam = base_from_mast @ np.linalg.inv(cam_from_mast)
+    lists = {"color": [], "aligned_depth": [], "groundtruth": []}
+    for i, time in enumerate(s.times):
+        for name, image in (("color", s.color[i]), ("aligned_depth", s.depth_mm[i])):
+            put(folder / name / f"{time:.6f}.png", png(image))
+            lists[name].append(f"{time:.6f} {name}/{time:.6f}.png")
+        pose = s.poses[i] @ np.linalg.inv(base_from_cam)
+        numbers = " ".join(f"{v:.9f}" for v in (*pose[:3, 3], *quaternion(pose)))
+        lists["groundtruth"].append(f"{time:.6f} {numbers}")
+    for name, lines in lists.items():
+        put(folder / f"{name}.txt", "#Time\n" + "\n".join(lines) + "\n")
+    put(folder / "depth.txt", "0.0 depth/0.0.png\n")  # of the depth camera, not registered
+
+    def matrix(rows, cols, values):
+        data = ", ".join(map(repr, values))
+        lines = (f"rows: {rows}", f"cols: {cols}", "dt: d", f"data: [ {data} ]")
+        return "!!opencv-matrix\n" + "".join(f"         {line}\n" for line in lines)
+
+    c = s.camera
+    lens, distortion = matrix(1, 4, [c.fx, c.cx, c.fy, c.cy]), matrix(1, 5, [0.0] * 5)
+    put(folder / "sensors.yaml",
+        f"%YAML:1.0\n---\nd400_color_optical_frame:\n   width: {WIDTH}\n   height: {HEIGHT}\n"
+        f"   intrinsics: {lens}   distortion_coefficients: {distortion}")  # fmt: skip
+    entries = [
+        ("base_link", "mast", base_from_mast),
+        ("d400_color_optical_frame", "mast", cam_from_mast),
+    ]
+    rows = "".join(
+        f"   -\n      parent_frame: {p}\n      child_frame: {c}\n"
+        f"      matrix: {matrix(4, 4, m.ravel().tolist())}"
+        for p, c, m in entries
+    )
+    put(folder / "trans_matrix.yaml", f"%YAML:1.0\n---\ntrans_matrix:\n{rows}")
+
+
 def write_redwood(folder, s):
     log = []
     for i, pose in enumerate(s.poses):
@@ -416,6 +455,7 @@ WRITERS = {
     "replica": write_replica,
     "nerfstudio": write_nerfstudio,
     "rtabmap-export": write_rtabmap_export,
+    "openloris": write_openloris,
     "stray": write_stray,
     "record3d": write_record3d,
     "scanner-app": write_scanner_app,

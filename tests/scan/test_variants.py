@@ -462,3 +462,19 @@ def test_nerfstudio_with_times_of_several_clocks_or_durations(times, is_told, sa
     assert_allclose(scan.world_from_cams[:, 0, 3], np.arange(N))
     assert_allclose(scan.timestamps, np.arange(N) if is_told else times)
     assert ["order of the list" in w for w in scan.warnings] == [True] * is_told
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("sensors.yaml", "%YAML:1.0\n---\nx: 1\n", "expected a matrix of 4 numbers"),
+        ("trans_matrix.yaml", "%YAML:1.0\n---\nx: 1\n", "expected frames that lead from base_link"),
+        ("trans_matrix.yaml", "[", "expected"),
+        ("aligned_depth.txt", "1.0 a.png\n", "expected colour, depth and poses within"),
+    ],
+)
+def test_damaged_files_of_openloris(name, text, words, sample, tmp_path):
+    WRITERS["openloris"](tmp_path, sample)
+    put(tmp_path / name, text)
+    with pytest.raises(ScanError, match=words):
+        read_scan(tmp_path)

@@ -100,9 +100,9 @@ class _Lists:
 
 def _listed(source: FileSource, max_gap_s: float) -> _Lists:
     """As rgb.txt and depth.txt list images, paired by time."""
-    depth_times, depth_names = _list(source, "depth.txt")
+    depth_times, depth_names = read_list(source, "depth.txt")
     has_color = source.exists("rgb.txt")
-    color = _list(source, "rgb.txt") if has_color else (depth_times, depth_names)
+    color = read_list(source, "rgb.txt") if has_color else (depth_times, depth_names)
     mine, depth = pair_times(color[0], depth_times, max_gap_s)
     tables = ("rgb.txt", "depth.txt") if has_color else ("depth.txt",)
     return _Lists(tables, has_color, *color, depth_times, depth_names, mine, depth)
@@ -151,8 +151,12 @@ def _write(refined: Refined[tuple[float, ...]]) -> None:
     write_tum(refined.directory / (_pose_file(refined.source) or POSES), times, refined.poses)
 
 
-def _list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
-    """Times and names of images, in the order of their times."""
+def read_list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
+    """Times (s) and names of images, in the order of their times.
+
+    Raises:
+        ScanError: lines are of another form.
+    """
     rows = read_rows(source, name, "lines `time filename`")
     times, names = _times_and_names(source, name, rows, 0)
     order = np.argsort(times, kind="stable")
