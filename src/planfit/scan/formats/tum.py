@@ -216,7 +216,8 @@ The TUM RGB-D benchmark: images named by their time, three lists, poses of a mot
 
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
 file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
-which, else its default of the driver.
+which, or ICL-NUIM's, else its default of the driver. ICL-NUIM's poses are taken as they are, though others
+found them mirrored in y (InfiniTAM's issue 65): the images will contradict them then, which is told.
 """,
     expects="rgb.txt, depth.txt (or associations.txt) and groundtruth.txt (depth alone without rgb.txt)",
     checked=(
