@@ -83,8 +83,9 @@ def _lens(source: FileSource) -> Lens:
     node = storage.getNode(CAMERA)
     fx, cx, fy, cy = _matrix(node.getNode("intrinsics"), 4, where)[:4]
     distortion = _matrix(node.getNode("distortion_coefficients"), 4, where)[:5]
-    size = (int(node.getNode(side).real()) for side in ("width", "height"))
-    return Lens(make_camera(*size, (fx, fy, cx, cy), where), tuple(distortion.tolist()))
+    width, height = (int(node.getNode(side).real()) for side in ("width", "height"))
+    camera = make_camera(width, height, (fx, fy, cx, cy), where)
+    return Lens(camera, tuple(distortion.tolist()))
 
 
 def _mount(source: FileSource) -> Float[np.ndarray, "4 4"]:
