@@ -98,7 +98,7 @@ def test_images_of_rtabmap_without_poses_are_answered_with_its_database(tmp_path
     ):
         put(tmp_path / name, b"")
     message = told(tmp_path)
-    assert message.startswith("expected a list of poses (camera_poses.txt), found none")
+    assert message.startswith("expected a list of poses (walk_camera_poses.txt), found none")
     assert "or give the database" in message
 
 
@@ -114,7 +114,7 @@ def test_images_of_rtabmap_without_poses_are_answered_with_its_database(tmp_path
         ),
         (
             ["images/1.png", "depth/1.png", "cameras.json"],
-            ["format nerfstudio, of which transforms.json is missing", "add what is missing"],
+            ["format nerfstudio, of which transforms.json is missing", "copy or export"],
         ),
         (
             ["rgb/1.png", "depth/1.png", "K.txt"],

@@ -119,7 +119,9 @@ def no_scan_in_folder(
         if any(part.startswith("depth") and part.endswith("/") for part in missing):
             steps.append("planfit needs depth of every frame")
         elif missing:
-            steps.append("add what is missing, or copy or export the scan again, whole")
+            steps.append(
+                "add what is missing" if renamed else "copy or export the scan again, whole"
+            )
         of_which = f", of which {lacking} {verb} missing" if missing else ""
         much = "most" if 2 * len(missing) <= len(layouts[name].parts) else "a part"
         return ScanError(
@@ -148,7 +150,9 @@ def nearest(
         is_alike = n_there + len(renamed) >= 2 and has_part(source, "depth/")
         if lacking and (is_near or is_alike):
             n_parts = len(layout.parts)
-            found.append((len(missing), len(renamed), -n_parts, name, missing, renamed))
+            # Files tell more than folders, which many formats have in common.
+            n_files = sum(not p.endswith("/") for p in layout.parts if p not in lacking)
+            found.append((len(missing), len(renamed), -n_files, -n_parts, name, missing, renamed))
     if not found:
         return None
     *_, name, missing, renamed = min(found)

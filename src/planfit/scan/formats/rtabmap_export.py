@@ -79,7 +79,8 @@ def _pose_file(source: FileSource) -> str:
     names = [n for n in source.names() if "poses" in n and n.endswith(".txt") and "scan" not in n]
     if not names:
         raise ScanError(
-            f"{source.path}: expected a list of poses (camera_poses.txt), found none; {_EXPORTED}"
+            f"{source.path}: expected a list of poses ({_prefix(source)}camera_poses.txt), found none; "
+            f"{_EXPORTED}"
         )
     return min(names, key=lambda name: ("camera" not in name, name))
 

@@ -87,7 +87,7 @@ calibrator uses it: depth is then registered to colour, of which the poses are.
         "names, lost poses, what extrinsic_depth maps to what",
     ),
     told_by=(COLOR.name, "color/", "depth/", "pose/"),
-    parts=(COLOR.name, "color/", "depth/", "pose/"),
+    parts=(COLOR.name.split("|")[0], "color/", "depth/", "pose/"),
     frames=FileAFrame(
         color=Names("color/{}.jpg", "color/{}.*"),
         depth=Names("depth/{}.png"),
