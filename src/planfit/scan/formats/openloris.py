@@ -41,8 +41,8 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Robot]:
     base_poses, known = poses_at(table.keys, table.poses, color_times[mine], gap_s)
     if not known.any():
         raise ScanError(
-            f"{source.path}: expected colour, depth and poses within {gap_s:g} s of each other, found none; "
-            "are the lists of one recording? Else give --max-time-gap-s"
+            f"{source.path}: expected times of {COLORS}, {DEPTHS} and {POSES} within {gap_s:g} s of each "
+            "other, found none; are they of one recording? Else give --max-time-gap-s"
         )
     robot = _Robot(_lens(source), _mount(source))
     frames = [
@@ -132,7 +132,10 @@ Refined poses are written as groundtruth.txt, of base_link.
         "the reader that the set's authors gave SLAMBench (OpenLORIS.cpp). No real file",
         "order of intrinsics, chain of frames, unit of depth",
     ),
-    told_by=(COLORS, DEPTHS, SENSORS),
+    # Without one of these it would pass for TUM's, as it has depth.txt and groundtruth.txt.
+    told_by=lambda source: (
+        sum(source.exists(name) for name in (COLORS, DEPTHS, SENSORS, MOUNTS)) >= 3
+    ),
     parts=(COLORS, DEPTHS, POSES, SENSORS, MOUNTS),
     frames=_frames,
     lens=lambda listing: lambda *_: listing.content.lens,

@@ -49,7 +49,7 @@ def _prefix(source: FileSource) -> str | None:
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Export]:  # noqa: ARG001
     prefix = _prefix(source) or ""
     colors = Names(f"{prefix}rgb/{{}}.jpg", f"{prefix}rgb/{{}}.png", key=KEY).by_key(source)
-    depth = Names(f"{prefix}depth/{{}}.png")
+    depth = Names(f"{prefix}depth/{{}}.png", key=KEY)
     name = _pose_file(source)
     table = read_poses_of(source, name)
     row_of = _rows(table, list(colors), f"{source.path / name}")
@@ -70,6 +70,8 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Export]:  # no
         time = float(table.keys[row]) if table.kind == "tum" else float(i)
         frames.append(Frame(key, time, pose, color, first_of(source, depth.of(key))))
         tables.append(calibration)
+    lone = [key for key, _ in depth.listed(source) if key not in colors]
+    skipped += [f"frame {key}: {prefix}rgb/{key}.jpg is missing" for key in lone]
     told = f"poses of {name} are taken for those of the robot's base, as its name lacks `camera`"
     return Listing(source, frames, export, tables, skipped, [] if is_of_camera else [told])
 
