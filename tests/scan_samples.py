@@ -129,7 +129,6 @@ def write_openloris(folder, s):
         lists["groundtruth"].append(f"{time:.6f} {numbers}")
     for name, lines in lists.items():
         put(folder / f"{name}.txt", "#Time\n" + "\n".join(lines) + "\n")
-    put(folder / "depth.txt", "0.0 depth/0.0.png\n")  # of the depth camera, not registered
 
     def matrix(rows, cols, values):
         data = ", ".join(map(repr, values))

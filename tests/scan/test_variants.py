@@ -478,3 +478,9 @@ def test_damaged_files_of_openloris(name, text, words, sample, tmp_path):
     put(tmp_path / name, text)
     with pytest.raises(ScanError, match=words):
         read_scan(tmp_path)
+
+
+def test_openloris_with_depth_of_its_own_camera_is_no_tum(sample, tmp_path):
+    WRITERS["openloris"](tmp_path, sample)
+    put(tmp_path / "depth.txt", "0.0 depth/0.0.png\n")
+    assert read_scan(tmp_path).format == "openloris"
