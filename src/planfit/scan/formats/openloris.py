@@ -71,7 +71,10 @@ def _opened(source: FileSource, name: str) -> cv2.FileStorage:
 
 
 def _matrix(node: cv2.FileNode, count: int, where: str) -> Float[np.ndarray, " count"]:
-    found = None if node.empty() else node.mat()
+    try:
+        found = None if node.empty() else node.mat()
+    except (cv2.error, SystemError):  # of a damaged one
+        found = None
     if found is None or found.size < count:
         raise ScanError(f"{where}: expected a matrix of {count} numbers, found none")
     return np.asarray(found, dtype=float).ravel()
