@@ -66,8 +66,10 @@ def write_las(
     is_gps_standard: bool = False,
     scale: float = 1e-4,
     point_format: int = 7,
+    per_second: float = 1.0,
 ) -> None:
-    """With intensity, colour, returns and an extra dimension; `clock_s` is added to times."""
+    """With intensity, colour, returns and an extra dimension; `clock_s` is added to times, of which the file
+    counts `per_second`."""
     header = laspy.LasHeader(point_format=point_format, version="1.4")
     header.offsets, header.scales = np.floor(walk.xyz.mean(axis=0)), [scale] * 3
     header.global_encoding.gps_time_type = laspy.header.GpsTimeType(int(is_gps_standard))
@@ -76,7 +78,7 @@ def write_las(
     rng = np.random.default_rng(5)
     n = len(walk.xyz)
     cloud.x, cloud.y, cloud.z = walk.xyz.T
-    cloud.gps_time = walk.times + clock_s
+    cloud.gps_time = (walk.times + clock_s) * per_second
     cloud.intensity = rng.integers(0, 65536, n)
     cloud.return_number, cloud.number_of_returns = np.ones(n, int), np.full(n, 2)
     cloud.point_source_id = rng.integers(0, 9, n)
@@ -86,10 +88,10 @@ def write_las(
     cloud.write(str(path))
 
 
-def tum_lines(walk: LaserWalk, clock_s: float = 0.0) -> list[str]:
+def tum_lines(walk: LaserWalk, clock_s: float = 0.0, per_second: float = 1.0) -> list[str]:
     quaternions = Rotation.from_matrix(walk.poses[:, :3, :3]).as_quat()
     return [
-        " ".join(f"{v:.9f}" for v in (t + clock_s, *pose[:3, 3], *q))
+        " ".join(f"{v:.9f}" for v in ((t + clock_s) * per_second, *pose[:3, 3], *q))
         for t, pose, q in zip(walk.pose_times, walk.poses, quaternions, strict=True)
     ]
 

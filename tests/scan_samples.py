@@ -114,6 +114,44 @@ def write_tum(folder, s):
     put(folder / "calibration.txt", f"{c.fx:.9f} {c.fy:.9f} {c.cx:.9f} {c.cy:.9f}\n")
 
 
+def write_openloris(folder, s):
+    """The robot's base, from which the camera is two frames away, one of them the other way round."""
+    base_from_mast = np.array([[0, -1, 0, 0.3], [1, 0, 0, 0], [0, 0, 1, 1.0], [0, 0, 0, 1.0]])
+    cam_from_mast = np.array([[0, -1, 0, 0.02], [0, 0, -1, 0], [1, 0, 0, 0.1], [0, 0, 0, 1.0]])
+    base_from_cam = base_from_mast @ np.linalg.inv(cam_from_mast)
+    lists = {"color": [], "aligned_depth": [], "groundtruth": []}
+    for i, time in enumerate(s.times):
+        for name, image in (("color", s.color[i]), ("aligned_depth", s.depth_mm[i])):
+            put(folder / name / f"{time:.6f}.png", png(image))
+            lists[name].append(f"{time:.6f} {name}/{time:.6f}.png")
+        pose = s.poses[i] @ np.linalg.inv(base_from_cam)
+        numbers = " ".join(f"{v:.9f}" for v in (*pose[:3, 3], *quaternion(pose)))
+        lists["groundtruth"].append(f"{time:.6f} {numbers}")
+    for name, lines in lists.items():
+        put(folder / f"{name}.txt", "#Time\n" + "\n".join(lines) + "\n")
+
+    def matrix(rows, cols, values):
+        data = ", ".join(map(repr, values))
+        lines = (f"rows: {rows}", f"cols: {cols}", "dt: d", f"data: [ {data} ]")
+        return "!!opencv-matrix\n" + "".join(f"         {line}\n" for line in lines)
+
+    c = s.camera
+    lens, distortion = matrix(1, 4, [c.fx, c.cx, c.fy, c.cy]), matrix(1, 5, [0.0] * 5)
+    put(folder / "sensors.yaml",
+        f"%YAML:1.0\n---\nd400_color_optical_frame:\n   width: {WIDTH}\n   height: {HEIGHT}\n"
+        f"   intrinsics: {lens}   distortion_coefficients: {distortion}")  # fmt: skip
+    entries = [
+        ("base_link", "mast", base_from_mast),
+        ("d400_color_optical_frame", "mast", cam_from_mast),
+    ]
+    rows = "".join(
+        f"   -\n      parent_frame: {p}\n      child_frame: {c}\n"
+        f"      matrix: {matrix(4, 4, m.ravel().tolist())}"
+        for p, c, m in entries
+    )
+    put(folder / "trans_matrix.yaml", f"%YAML:1.0\n---\ntrans_matrix:\n{rows}")
+
+
 def write_redwood(folder, s):
     log = []
     for i, pose in enumerate(s.poses):
@@ -210,6 +248,27 @@ def write_nerfstudio(folder, s):
             }
         ),
     )  # fmt: skip
+
+
+def write_rtabmap_export(folder, s, of_camera=True):
+    """As rtabmap-export writes images by node, with poses of the camera or of the robot's base."""
+    base_from_cam = np.array([[0, 0, 1, 0.1], [-1, 0, 0, 0.2], [0, -1, 0, 0.5], [0, 0, 0, 1.0]])
+    poses = s.poses if of_camera else s.poses @ np.linalg.inv(base_from_cam)
+    lines = ["#timestamp x y z qx qy qz qw id"]
+    for i, pose in enumerate(poses):
+        put(folder / "walk_rgb" / f"{3 * i + 1}.jpg", jpg(s.color[i]))
+        put(folder / "walk_depth" / f"{3 * i + 1}.png", png(s.depth_mm[i]))
+        matrix, mount = (
+            ", ".join(map(repr, m.ravel().tolist())) for m in (k_of(s.camera), base_from_cam[:3])
+        )
+        put(folder / "walk_calib" / f"{3 * i + 1}.yaml",
+            f'%YAML:1.0\n---\ncamera_name: "{3 * i + 1}"\nimage_width: {WIDTH}\nimage_height: {HEIGHT}\n'
+            f"camera_matrix:\n   rows: 3\n   cols: 3\n   data: [ {matrix} ]\n"
+            f"local_transform:\n   rows: 3\n   cols: 4\n   data: [ {mount} ]\n")  # fmt: skip
+        numbers = " ".join(f"{v:.9f}" for v in (*pose[:3, 3], *quaternion(pose)))
+        lines.append(f"{s.times[i]:.6f} {numbers} {3 * i + 1}")
+    name = "walk_camera_poses.txt" if of_camera else "walk_poses.txt"
+    put(folder / name, "\n".join(lines) + "\n")
 
 
 def write_video(path, images, fps=30, gop=3, first=0):
@@ -394,6 +453,8 @@ WRITERS = {
     "scannet": write_scannet,
     "replica": write_replica,
     "nerfstudio": write_nerfstudio,
+    "rtabmap-export": write_rtabmap_export,
+    "openloris": write_openloris,
     "stray": write_stray,
     "record3d": write_record3d,
     "scanner-app": write_scanner_app,
@@ -412,5 +473,5 @@ HALF_DEPTH = {
     "arkit-scenes",
     "scannetpp",
 }
-LOSSY_COLOR = HALF_DEPTH | {"replica"}
+LOSSY_COLOR = HALF_DEPTH | {"replica", "rtabmap-export"}
 HAS_CONFIDENCE = HALF_DEPTH - {"bundlefusion", "scannet", "scannetpp"}

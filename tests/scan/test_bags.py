@@ -124,6 +124,50 @@ def test_odometry_of_a_body_is_carried_over_to_the_camera(sample, tmp_path):
     assert_is_sample(scan, sample)
 
 
+@pytest.mark.parametrize("has_child", [True, False])
+def test_poses_of_a_topic_are_taken_where_tf_is_static(has_child, sample, tmp_path):
+    """Odometry, and PoseStamped, which does not say of what it is."""
+
+    def poses(bag):
+        bag.tf("/tf_static", sample.times[0], BODY_FRAME, COLOR_FRAME, BODY_FROM_CAM)
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            body = pose @ np.linalg.inv(BODY_FROM_CAM)
+            if has_child:
+                bag.odometry("/odom", time, "odom", BODY_FRAME, body)
+            else:
+                bag.pose_stamped("/pose", time, "map", body)
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample), poses)
+    scan = read_scan(path)
+    assert "as tf is static" in scan.warnings[0]
+    assert len(scan.warnings) == (1 if has_child else 2)
+    assert_is_sample(scan, sample)
+
+
+def test_tf_without_its_static_part_is_told(sample, tmp_path):
+    def poses(bag):
+        for time, pose in zip(sample.times, sample.poses, strict=True):
+            bag.tf("/tf", time, "map", BODY_FRAME, pose)
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(b, sample), poses)
+    with pytest.raises(ScanError, match="no /tf_static was recorded"):
+        read_scan(path)
+
+
+def test_a_lens_from_a_file(sample, tmp_path):
+    def images(bag):
+        for i, time in enumerate(sample.times):
+            bag.image("/camera/color/image_raw", time, COLOR_FRAME, sample.color[i], "rgb8")
+            bag.image("/camera/depth/image_raw", time, COLOR_FRAME, sample.depth_mm[i], "16UC1")
+
+    path = write_bag(tmp_path, "ros1", images, lambda b: write_tf(b, sample))
+    with pytest.raises(ScanError, match=r"expected a CameraInfo topic beside .* --intrinsics"):
+        read_scan(path)
+    c, lens = sample.camera, tmp_path / "lens.txt"
+    lens.write_text(f"{c.fx} {c.fy} {c.cx} {c.cy}\n")
+    assert_is_sample(read_scan(path, options=ScanOptions(intrinsics=str(lens))), sample)
+
+
 def test_a_pose_topic_without_a_frame_is_the_cameras_with_a_word(sample, tmp_path):
     def poses(bag):
         for time, pose in zip(sample.times, sample.poses, strict=True):

@@ -2,6 +2,7 @@
 
 import os
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -172,6 +173,46 @@ def test_clocks_of_every_kind(cloud_s, is_standard, trajectory_s, words, tmp_pat
     assert_allclose(scan.timestamps - trajectory_s, expected, atol=0.02)
     told = [w for w in scan.warnings if "times of the cloud" in w]
     assert [w.endswith(words) for w in told] == ([True] if words else [])
+
+
+@pytest.mark.parametrize(
+    ("cloud_unit", "trajectory_unit"),
+    [(1e-3, 1), (1e-6, 1), (1e-9, 1), (1e-15, 1), (1, 1e-3), (1, 1e-6), (1, 1e-9), (1e-9, 1e-9)],
+)
+@pytest.mark.parametrize(("cloud_s", "trajectory_s"), [(WEEK, WEEK), (WEEK, UNIX)])
+def test_clocks_in_other_units(cloud_unit, trajectory_unit, cloud_s, trajectory_s, tmp_path):
+    walk = walk_in_a_room(seconds=4.0, per_second=5000)
+    write_las(tmp_path / "s.las", walk, cloud_s, per_second=1 / cloud_unit)
+    lines = tum_lines(walk, trajectory_s, 1 / trajectory_unit)
+    (tmp_path / "t.txt").write_text("\n".join(lines))
+    scan = read(tmp_path / "s.las", tmp_path / "t.txt")
+    expected = np.repeat(0.25 + 0.5 * np.arange(8), 4)
+    assert_allclose(scan.timestamps - trajectory_s, expected, atol=0.02)
+    told = [w for w in scan.warnings if "not seconds" in w]
+    assert len(told) == (cloud_unit != 1) + (trajectory_unit != 1)
+    (tmp_path / "out").mkdir()
+    scan.files.write_poses(tmp_path / "out", scan.world_from_cams)
+    assert_allclose(laspy.read(tmp_path / "out/s.las").xyz, walk.xyz, atol=2e-4)
+
+
+def test_a_trajectory_that_is_a_cloud(tmp_path):
+    walk = at_site(walk_in_a_room(seconds=4.0, per_second=5000))
+    cloud, _ = write_walk(tmp_path, walk)
+    path = replace(walk, xyz=walk.poses[:, :3, 3], times=walk.pose_times)
+    write_las(tmp_path / "path.laz", path, per_second=1e9)
+    scan = read(cloud, tmp_path / "path.laz")
+    text = read(cloud, tmp_path / "trajectory.txt")
+    assert_allclose(scan.world_from_cams[:, :3, 3], text.world_from_cams[:, :3, 3], atol=1e-3)
+    assert any("path.laz: times are nanoseconds" in w for w in scan.warnings)
+    moved = scan.world_from_cams.copy()
+    moved[:, :3, 3] += [0.5, 0.25, -0.125]
+    (tmp_path / "out").mkdir()
+    scan.files.write_poses(tmp_path / "out", moved)
+    again = laspy.read(tmp_path / "out/path.laz")
+    assert_allclose(again.xyz, path.xyz + np.array([0.5, 0.25, -0.125]), atol=2e-4)
+    assert_array_equal(again.gps_time, laspy.read(tmp_path / "path.laz").gps_time)
+    with pytest.raises(ScanError, match="a cloud itself; give the trajectory"):
+        read(cloud, cloud)
 
 
 def test_clocks_that_nothing_relates_are_refused_unless_told(tmp_path):

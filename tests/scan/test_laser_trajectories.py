@@ -118,7 +118,7 @@ def test_a_binary_trajectory_is_named(tmp_path):
     with pytest.raises(ScanError, match="found a binary SBET, which has latitude and longitude"):
         read_trajectory(tmp_path / "sbet.out")
     with pytest.raises(
-        ScanError, match=r"gone\.txt: expected a trajectory .* found none that can be read"
+        ScanError, match=r"gone\.txt: expected a trajectory.* found none that can be read"
     ):
         read_trajectory(tmp_path / "gone.txt")
 

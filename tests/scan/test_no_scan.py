@@ -86,18 +86,48 @@ def test_a_colmap_model_without_depth(tmp_path):
     for name in ("sparse/0/cameras.bin", "sparse/0/images.bin", "images/a.jpg"):
         put(tmp_path / name, b"")
     message = told(tmp_path)
-    assert "format colmap, of which depth/ or depths/ is missing" in message
+    assert "format colmap, of which depth/ or depths/ or stereo/depth_maps/ is missing" in message
     assert message.endswith("planfit needs depth of every frame")
 
 
-def test_what_rtabmap_exports_is_answered_with_its_database(tmp_path):
+def test_images_of_rtabmap_without_poses_are_answered_with_its_database(tmp_path):
     for name in (
         "walk_rgb/1.jpg",
         "walk_depth/1.png",
         "walk_calib/1.yaml",
-        "walk_camera_poses.txt",
     ):
         put(tmp_path / name, b"")
-    assert told(tmp_path).startswith(
-        "expected a scan, found what RTAB-Map exported; give its database"
-    )
+    message = told(tmp_path)
+    assert message.startswith("expected a list of poses (walk_camera_poses.txt), found none")
+    assert "or give the database" in message
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [
+        (
+            ["rgb/1.png", "depth/1.png", "poses/1.txt", "intrinsic/intrinsic_color.txt"],
+            [
+                "most of one of the format scannet; it",
+                "rename rgb/ to color/, rename poses/ to pose/",
+            ],
+        ),
+        (
+            ["images/1.png", "depth/1.png", "cameras.json"],
+            ["format nerfstudio, of which transforms.json is missing", "copy or export"],
+        ),
+        (
+            ["rgb/1.png", "depth/1.png", "K.txt"],
+            ["format redwood, of which trajectory.log is missing"],
+        ),
+        (
+            ["frames/1.png", "depth/1.png", "camera.json"],
+            ["most of one of the format", "rename frames/ to images/"],
+        ),
+    ],
+)
+def test_the_nearest_layout_is_named_and_what_to_rename(names, words, tmp_path):
+    for name in names:
+        put(tmp_path / name, b"")
+    message = told(tmp_path)
+    assert [word for word in words if word not in message] == []

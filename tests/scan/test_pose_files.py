@@ -287,5 +287,33 @@ def test_of_many_poses_the_first_that_is_none_is_named(tmp_path):
 def test_four_numbers_with_decimal_commas_are_no_eight(tmp_path):
     path = tmp_path / "comma.txt"
     path.write_text("0,5 1,2 3,4 5,6\n1,5 2,2 3,4 5,6\n")
-    with pytest.raises(ScanError, match=r"comma\.txt, line 1: expected eight"):
+    with pytest.raises(ScanError, match=r"comma\.txt: expected poses .* found lines of 4"):
+        read_poses(path)
+
+
+@pytest.mark.parametrize("separator", [" ", "\t", ";", " ; "])
+def test_decimal_commas_are_read_where_other_marks_stand_between_numbers(
+    separator, sample, tmp_path
+):
+    path = tmp_path / "poses.txt"
+    text = tum_text(sample.times, sample.poses).replace(" a tracker", " a, b")
+    rows = text.replace(".", ",").replace(" ", separator)
+    path.write_text(rows.replace(f"#{separator}a", "# a"))
+    table = read_poses(path)
+    assert_allclose(table.keys, sample.times, atol=1e-9)
+    assert_allclose(table.poses, sample.poses, atol=1e-7)
+    path.write_text(kitti_text(sample.poses).replace(".", ","))
+    assert_allclose(read_poses(path).poses, sample.poses, atol=1e-7)
+
+
+def test_points_and_semicolons_are_read(sample, tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(tum_text(sample.times, sample.poses).replace(" ", ";"))
+    assert_allclose(read_poses(path).poses, sample.poses, atol=1e-7)
+
+
+def test_commas_that_may_be_both_are_named(sample, tmp_path):
+    path = tmp_path / "poses.csv"
+    path.write_text(tum_text(sample.times, sample.poses).replace(".", ",").replace(" ", ","))
+    with pytest.raises(ScanError, match="decimal commas with commas between numbers"):
         read_poses(path)

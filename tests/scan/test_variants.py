@@ -4,6 +4,7 @@ import json
 import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -21,7 +22,11 @@ from scan_samples import (
     png,
     put,
     quaternion,
+    write_arkit_scenes,
+    write_colmap,
     write_polycam,
+    write_redwood,
+    write_rtabmap_export,
     write_scanner_app,
     write_stray,
     write_tum,
@@ -255,3 +260,227 @@ def test_3d_scanner_app_is_read_in_the_order_of_its_numbers(sample, tmp_path):
     first.write_text(json.dumps({**content, "time": content["time"] + 1000.0}))
     ids = read_scan(tmp_path).frame_ids
     assert list(ids) == sorted(ids)
+
+
+@pytest.mark.parametrize("is_depth_first", [False, True])
+@pytest.mark.parametrize(
+    ("list_name", "poses_name"),
+    [("associations.txt", "CameraTrajectory.txt"), ("associate.txt", "room.gt.freiburg")],
+)
+def test_tum_with_a_list_of_pairs(is_depth_first, list_name, poses_name, sample, tmp_path):
+    """ORB-SLAM's input and output, and ICL-NUIM's."""
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_tum(path, sample)
+    rows = zip(
+        *((path / f"{n}.txt").read_text().splitlines()[1:] for n in ("rgb", "depth")), strict=False
+    )
+    order = slice(None, None, -1 if is_depth_first else 1)
+    listed = [
+        row
+        for row in rows
+        if not row[1].startswith("#") and "rgb/" in row[0] and "depth/" in row[1]
+    ]
+    put(path / list_name, "\n".join(" ".join(row[order]) for row in listed) + "\n")
+    (path / "groundtruth.txt").rename(path / poses_name)
+    for name in ("rgb.txt", "depth.txt"):
+        (path / name).unlink()
+    scan = read_scan(path)
+    assert (scan.format, scan.warnings) == ("tum", ())
+    assert len(scan) == len(listed)
+    shown = [int(np.argmin(np.abs(sample.times - t))) for t in scan.timestamps]
+    assert_allclose(scan.world_from_cams, sample.poses[shown], atol=1e-6)
+    assert scan.files.color(0) is not None
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    assert [p.name for p in out.iterdir()] == [poses_name]
+    if poses_name.endswith(".freiburg"):
+        (path / "calibration.txt").unlink()
+        assert read_scan(path).warnings[0].endswith("those of ICL-NUIM")
+
+
+@pytest.mark.parametrize("name", ["intrinsics_{}.txt", "intrinsic_{}.txt"])
+def test_scannet_as_its_frames_of_25k(name, sample, tmp_path):
+    path = tmp_path / "scan"
+    WRITERS["scannet"](path, sample)
+    for kind in ("color", "depth"):
+        (path / f"intrinsic/intrinsic_{kind}.txt").rename(path / name.format(kind))
+    for i in reversed(range(N)):
+        for folder, end in (("color", "jpg"), ("depth", "png"), ("pose", "txt")):
+            (path / folder / f"{i}.{end}").rename(path / folder / f"{100 * i:06d}.{end}")
+    scan = read_scan(path)
+    assert scan.frame_ids == tuple(f"{100 * i:06d}" for i in range(N))
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    assert_allclose(scan.cameras[0].fx, sample.camera.fx)
+
+
+def test_rtabmap_with_poses_of_its_base(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_rtabmap_export(path, sample, of_camera=False)
+    scan = read_scan(path)
+    assert "robot's base" in scan.warnings[0]
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-6)
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    again, before = ((p / "walk_poses.txt").read_text().splitlines() for p in (out, path))
+    assert [line.split()[-1] for line in again] == [line.split()[-1] for line in before]
+    numbers = [np.loadtxt(lines) for lines in (again, before)]
+    assert_allclose(numbers[0], numbers[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tif"])
+@pytest.mark.parametrize(("scale", "unit"), [(1.0, 1e3), (1e3, 1.0)])
+def test_nerfstudio_with_floating_point_depth(suffix, scale, unit, sample, tmp_path):
+    """Metres, as apps write; millimetres, as nerfstudio has them."""
+    WRITERS["nerfstudio"](tmp_path, sample)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    content.pop("integer_depth_scale", None)
+    for i, frame in enumerate(content["frames"]):
+        image = (sample.depth_mm[i] / 1e3 * scale).astype(np.float32)
+        frame["depth_file_path"] = f"depth/{i}{suffix}"
+        (tmp_path / "depth").mkdir(exist_ok=True)
+        if suffix == ".npy":
+            np.save(tmp_path / frame["depth_file_path"], image)
+        else:
+            cv2.imwrite(str(tmp_path / frame["depth_file_path"]), image)
+    put(tmp_path / "transforms.json", json.dumps(content))
+    scan = read_scan(tmp_path)
+    assert [("millimetres" in w) for w in scan.warnings] == ([True] if scale > 1 else [])
+    expected = np.where(sample.depth_mm[0] > 0, sample.depth_mm[0] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(0), expected, rtol=1e-5)
+    said = read_scan(tmp_path, options=ScanOptions(depth_scale=unit / 1e3))
+    assert said.warnings == ()
+    assert_allclose(said.files.depth(0), expected, rtol=1e-5)
+
+
+def test_open3d_with_a_trajectory_as_json(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_redwood(path, sample)
+    intrinsic = json.loads((path / "camera_intrinsic.json").read_text())
+    cameras = [
+        {"class_name": "PinholeCameraParameters", "intrinsic": intrinsic,
+         "extrinsic": np.linalg.inv(pose).ravel(order="F").tolist()}
+        for pose in sample.poses
+    ]  # fmt: skip
+    for name in ("camera_intrinsic.json", "trajectory.log"):
+        (path / name).unlink()
+    put(path / "trajectory.json", json.dumps({"parameters": cameras}))
+    scan = read_scan(path)
+    assert (scan.format, scan.warnings) == ("redwood", ())
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-9)
+    assert_allclose(scan.cameras[0].fy, sample.camera.fy)
+    moved = sample.poses.copy()
+    moved[:, 2, 3] += 0.5
+    out.mkdir()
+    scan.files.write_poses(out, moved)
+    (out / "trajectory.json").replace(path / "trajectory.json")
+    assert_allclose(read_scan(path).world_from_cams, moved, atol=1e-9)
+    put(path / "trajectory.json", json.dumps({"parameters": [1]}))
+    with pytest.raises(ScanError, match="expected a list `parameters`"):
+        read_scan(path)
+
+
+def test_replica_of_semantic_nerf(sample, tmp_path):
+    rows = "\n".join(" ".join(f"{v:.18e}" for v in pose.ravel()) for pose in sample.poses)
+    put(tmp_path / "traj_w_c.txt", rows + "\n")
+    for i in range(N):
+        put(tmp_path / "rgb" / f"rgb_{i}.png", png(sample.color[i]))
+        put(tmp_path / "depth" / f"depth_{i}.png", png(sample.depth_mm[i]))
+    scan = read_scan(tmp_path)
+    assert (scan.format, len(scan), scan.warnings) == ("replica", N, ())
+    c = scan.cameras[0]
+    assert (c.fx, c.fy, c.cx, c.cy) == (WIDTH / 2, WIDTH / 2, (WIDTH - 1) / 2, (HEIGHT - 1) / 2)
+    assert_allclose(scan.world_from_cams, sample.poses, atol=1e-9)
+    expected = np.where(sample.depth_mm[2] > 0, sample.depth_mm[2] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(2), expected, rtol=1e-6)
+    scan.files.write_poses(tmp_path, scan.world_from_cams)
+    assert_allclose(
+        np.loadtxt(tmp_path / "traj_w_c.txt").reshape(-1, 4, 4), sample.poses, atol=1e-8
+    )
+
+
+def test_colmap_with_its_own_depth(sample, tmp_path):
+    write_colmap(tmp_path, sample)
+    (folder,) = (tmp_path / name for name in ("depth", "depths") if (tmp_path / name).is_dir())
+    for file in list(folder.iterdir()):
+        file.unlink()
+    folder.rmdir()
+    for i, file in enumerate(sorted((tmp_path / "images").rglob("*.*"))):
+        depth = (sample.depth_mm[i] / 1e3).astype("<f4")
+        name = file.relative_to(tmp_path / "images")
+        head = f"{WIDTH}&{HEIGHT}&1&".encode()
+        put(tmp_path / f"stereo/depth_maps/{name}.geometric.bin", head + depth.tobytes())
+    scan = read_scan(tmp_path)
+    assert (scan.format, len(scan)) == ("colmap", N)
+    expected = np.where(sample.depth_mm[1] > 0, sample.depth_mm[1] / 1e3, np.nan)
+    assert_allclose(scan.files.depth(1), expected, rtol=1e-6)
+    put(tmp_path / f"stereo/depth_maps/{name}.geometric.bin", head + b"0")
+    with pytest.raises(ScanError, match="expected depth as COLMAP writes it"):
+        read_scan(tmp_path)
+
+
+def test_arkit_scenes_of_the_first_release(sample, tmp_path):
+    path, out = tmp_path / "scan", tmp_path / "out"
+    write_arkit_scenes(path, sample)
+    right = read_scan(path)
+    color = next(name for name in ("vga_wide", "lowres_wide", "wide") if (path / name).is_dir())
+    for old, new in (
+        (color, "wide"),
+        (f"{color}_intrinsics", "color_intrinsics"),
+        ("lowres_depth", "depth_densified"),
+    ):
+        for file in sorted((path / old).iterdir()):
+            name = file.name.split("_")[-1]
+            put(path / new / name, file.read_bytes())
+            file.unlink()
+        (path / old).rmdir()
+    (path / "lowres_wide.traj").rename(path / "color.traj")
+    scan = read_scan(path)
+    assert (scan.format, len(scan)) == ("arkit-scenes", len(right))
+    assert_allclose(scan.world_from_cams, right.world_from_cams)
+    assert scan.cameras == right.cameras
+    out.mkdir()
+    scan.files.write_poses(out, scan.world_from_cams)
+    assert [p.name for p in out.iterdir()] == ["color.traj"]
+
+
+@pytest.mark.parametrize(
+    ("times", "is_told"),
+    [
+        (np.arange(N) / 30, False),
+        (np.full(N, 1 / 30), True),
+        ([5.0, 6.0, 7.0, 1.0, 2.0, 3.0], True),
+    ],
+)
+def test_nerfstudio_with_times_of_several_clocks_or_durations(times, is_told, sample, tmp_path):
+    WRITERS["nerfstudio"](tmp_path, sample)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    for i, frame in enumerate(content["frames"]):
+        frame["timestamp"] = float(times[i])
+        frame["transform_matrix"][0][3] = float(i)
+    put(tmp_path / "transforms.json", json.dumps(content))
+    scan = read_scan(tmp_path)
+    assert_allclose(scan.world_from_cams[:, 0, 3], np.arange(N))
+    assert_allclose(scan.timestamps, np.arange(N) if is_told else times)
+    assert ["order of the list" in w for w in scan.warnings] == [True] * is_told
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("sensors.yaml", "%YAML:1.0\n---\nx: 1\n", "expected a matrix of 4 numbers"),
+        ("trans_matrix.yaml", "%YAML:1.0\n---\nx: 1\n", "expected frames that lead from base_link"),
+        ("trans_matrix.yaml", "[", "expected"),
+        ("aligned_depth.txt", "1.0 a.png\n", "expected times of color.txt, aligned_depth.txt and"),
+    ],
+)
+def test_damaged_files_of_openloris(name, text, words, sample, tmp_path):
+    WRITERS["openloris"](tmp_path, sample)
+    put(tmp_path / name, text)
+    with pytest.raises(ScanError, match=words):
+        read_scan(tmp_path)
+
+
+def test_openloris_with_depth_of_its_own_camera_is_no_tum(sample, tmp_path):
+    WRITERS["openloris"](tmp_path, sample)
+    put(tmp_path / "depth.txt", "0.0 depth/0.0.png\n")
+    assert read_scan(tmp_path).format == "openloris"

@@ -224,6 +224,7 @@ GONE_OPTIONS: dict[str, str] = {
     "report.max_pictures": "decided by planfit (120 pictures)",
     "report.max_points": "decided by planfit (1,500,000 points)",
     "revisit_frames": "decided by planfit (10)",
+    "info_topic": "it is intrinsics now, a topic or a file",
     "segmentation.columns.max_per_frame": "decided by planfit (8 patches)",
     "segmentation.columns.min_length_m": "decided by planfit (0.15 m)",
     "segmentation.columns.min_points": "decided by planfit (30 points)",

@@ -123,7 +123,7 @@ class FolderLayout(ScanFormat, Generic[T]):
     """What makes the format, as in `told_by`: where most is there, what is missing is named."""
     metres_per_unit: float | Callable[[Listing[T]], float] = 1e-3
     """Of depth that is stored as whole numbers."""
-    metres_per_float: float = 1.0
+    metres_per_float: float | Callable[[Listing[T]], float] = 1.0
     """Of depth that is stored as floating-point numbers."""
     can_scale_depth: bool = True
     """Whether `--depth-scale` may say otherwise."""
@@ -194,12 +194,15 @@ class FolderLayout(ScanFormat, Generic[T]):
         )
 
     def _images(self, listing: Listing[T], options: ScanOptions) -> ImageFiles:
-        unit = self.metres_per_unit
+        unit, of_float = (
+            options.depth_scale or (one(listing) if callable(one) else one)
+            for one in (self.metres_per_unit, self.metres_per_float)
+        )
         stored = {
             "source": listing.source,
-            "metres_per_unit": options.depth_scale or (unit(listing) if callable(unit) else unit),
+            "metres_per_unit": unit,
             "min_confidence": self.least_confidence[options.min_confidence],
-            "metres_per_float": options.depth_scale or self.metres_per_float,
+            "metres_per_float": of_float,
         }
         if listing.video is not None:
             return VideoImages(**stored, video=listing.video)

@@ -11,6 +11,12 @@ from planfit.scan.tables import has_part
 LOOK_AT = 200
 """So many things in a folder are looked at in search of a scan."""
 NAMED = FEW_NAMED
+ALIKE = (
+    ("color", "rgb", "image", "images", "colour", "frames", "cam0"),
+    ("depth", "depths", "depth_images", "aligned_depth"),
+    ("pose", "poses"),
+)
+"""Names that folders of the same content have in programs of others."""
 
 _MESH = (
     "a model or a cloud without its frames",
@@ -104,39 +110,60 @@ def no_scan_in_folder(
         more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
         which = "one of them" if len(inside) > 1 else "it"
         return ScanError(f"{begin} a folder that holds {named}{more}; give {which}")
-    ends = {name.rpartition("_")[2] for name in source.folders() if "_" in name}
-    if {"rgb", "depth", "calib"} <= ends:  # as rtabmap-export --images calls its folders
-        return ScanError(
-            f"{begin} what RTAB-Map exported; give its database itself, the .db file, which has the poses too"
-        )
     near = nearest(source, layouts)
     if near:
-        name, missing = near
+        name, missing, renamed = near
         verb = "is" if len(missing) == 1 else "are"
         lacking = ", ".join(part.replace("|", " or ") for part in missing)
-        whole = "copy or export the scan again, whole"
+        steps = [f"rename {old}/ to {new}" for old, new in renamed]
         if any(part.startswith("depth") and part.endswith("/") for part in missing):
-            whole = "planfit needs depth of every frame"
+            steps.append("planfit needs depth of every frame")
+        elif missing:
+            steps.append(
+                "add what is missing" if renamed else "copy or export the scan again, whole"
+            )
+        of_which = f", of which {lacking} {verb} missing" if missing else ""
+        much = "most" if 2 * len(missing) <= len(layouts[name].parts) else "a part"
         return ScanError(
-            f"{begin} most of one of the format {name}, of which {lacking} {verb} missing; it is "
-            f"told by {layouts[name].expects}: {whole}"
+            f"{begin} {much} of one of the format {name}{of_which}; it is told by "
+            f"{layouts[name].expects}: {', '.join(steps)}"
         )
     held, step = _held(source)
     formats = f"docs/scan-formats.md describes what is read: {', '.join([*layouts, *own])}"
     return ScanError(f"{begin} {held}; {step or formats}")
 
 
-def nearest(source: FileSource, layouts: dict[str, FolderLayout]) -> tuple[str, list[str]] | None:
-    """The format most of whose parts are there, and which are not; None where none is near."""
+def nearest(
+    source: FileSource, layouts: dict[str, FolderLayout]
+) -> tuple[str, list[str], list[tuple[str, str]]] | None:
+    """The format most of whose parts are there, which are not, and which only have another name (with that
+    name first); None where none is near."""
     found = []
     for name, layout in layouts.items():
-        missing = [part for part in layout.parts if not has_part(source, part)]
-        if missing and 2 * len(missing) <= len(layout.parts):
-            found.append((len(missing), -len(layout.parts), name, missing))
+        lacking = [part for part in layout.parts if not has_part(source, part)]
+        others = {part: _other_name(source, part, layout.parts) for part in lacking}
+        renamed = [(other, part.split("|")[0]) for part, other in others.items() if other]
+        missing = [part for part in lacking if not others[part]]
+        n_there = len(layout.parts) - len(lacking)
+        is_near = 2 * len(missing) <= len(layout.parts) and n_there
+        # Images and depth in folders of their own are a scan's, whatever it lacks.
+        is_alike = n_there + len(renamed) >= 2 and has_part(source, "depth/")
+        if lacking and (is_near or is_alike):
+            n_parts = len(layout.parts)
+            # Files tell more than folders, which many formats have in common.
+            n_files = sum(not p.endswith("/") for p in layout.parts if p not in lacking)
+            found.append((len(missing), len(renamed), -n_files, -n_parts, name, missing, renamed))
     if not found:
         return None
-    _, _, name, missing = min(found)
-    return name, missing
+    *_, name, missing, renamed = min(found)
+    return name, missing, renamed
+
+
+def _other_name(source: FileSource, part: str, parts: tuple[str, ...]) -> str:
+    """The folder that holds what a part of a format does, by its name; empty where none does."""
+    group = next((names for names in ALIKE if part.endswith("/") and part[:-1] in names), ())
+    taken = {one for other in parts for one in other.split("|")}
+    return next((n for n in source.folders() if n in group and f"{n}/" not in taken), "")
 
 
 def _kind_of(source: FileSource, layouts: dict[str, FolderLayout]) -> str:

@@ -75,7 +75,7 @@ class FileAFrame(Generic[T]):
     is_led_by_poses: bool = False
     """Whether a frame is what has a pose, and not what has colour: some programs keep colour of a few."""
     tables: tuple[str, ...] = ()
-    """Files for all frames; those that are there."""
+    """Files for all frames; those that are there, one of several as `a|b`."""
     key: str = r"\d+"
     """What stands for `{}` in the names of poses, as a regular expression."""
 
@@ -118,7 +118,7 @@ class FileAFrame(Generic[T]):
             source,
             frames,
             content,
-            [*(name for name in self.tables if source.exists(name)), *tables],
+            [*(n for part in self.tables for n in part.split("|") if source.exists(n)), *tables],
             skipped,
         )
 
@@ -176,6 +176,7 @@ class SharedLens:
     """A pinhole lens of all frames, by a file that holds a matrix or fx fy cx cy."""
 
     name: str
+    """Of the file; one of several, as `a|b`."""
     expected: str = "a 3x3 matrix of intrinsics"
     """In words, for messages."""
     separator: str | None = None
@@ -183,7 +184,12 @@ class SharedLens:
 
     def __call__(self, listing: Listing[Any]) -> LensOfFrame:
         """Of the frames of a listing."""
-        return pinhole_lens(self.numbers(listing.source), str(listing.source.path / self.name))
+        source = listing.source
+        return pinhole_lens(self.numbers(source), str(source.path / self.file(source)))
+
+    def file(self, source: FileSource) -> str:
+        """Name of the file that is there, or what it should be."""
+        return first_of(source, self.name.split("|"))
 
     def numbers(self, source: FileSource) -> tuple[float, ...]:
         """fx fy cx cy.
@@ -191,10 +197,11 @@ class SharedLens:
         Raises:
             ScanError: the file holds neither.
         """
-        matrix = read_matrix(source, self.name, self.expected, self.separator)
+        name = self.file(source)
+        matrix = read_matrix(source, name, self.expected, self.separator)
         if matrix.size == 4:
             return tuple(matrix.ravel().tolist())
-        return matrix_intrinsics(matrix, str(source.path / self.name))
+        return matrix_intrinsics(matrix, str(source.path / name))
 
 
 def read_camera(source: FileSource, name: str) -> Camera:

@@ -12,7 +12,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 from planfit.errors import ScanError
 from planfit.scan.laser.trajectory import TUM, named_columns, parse_trajectory
 from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
-from planfit.scan.tables import number_table, shorten
+from planfit.scan.source import FileSource, read_text
+from planfit.scan.tables import number_table, shorten, with_decimal_points
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
@@ -30,6 +31,8 @@ class PoseTable:
     """Times (TUM, EuRoC), numbers (log), or rows (KITTI)."""
     poses: Float[np.ndarray, "n 4 4"]
     """target_from_cam, OpenCV camera axes."""
+    numbers: Float[np.ndarray, " n"] | None = None
+    """Of RTAB-Map's nodes, where the file has them."""
 
 
 def read_poses(path: Path) -> PoseTable:
@@ -48,19 +51,24 @@ def read_poses(path: Path) -> PoseTable:
     return parse_poses(text, path)
 
 
+def read_poses_of(source: FileSource, name: str) -> PoseTable:
+    """As `read_poses`, of a file of a scan."""
+    return parse_poses(read_text(source, name), source.path / name)
+
+
 def parse_poses(content: str, path: Path) -> PoseTable:
     """As `read_poses`, of the text of a file; `path` is where it came from, for messages.
 
     Raises:
         ScanError: it is of none of these kinds.
     """
+    content = with_decimal_points(content, path)
     if not _is_euroc(content) and _has_names(content):
         named = parse_trajectory(content, path)
         return PoseTable("tum", named.times, named.world_from_scanner)
+    content = content.replace(";", " ")
     table = number_table(content.replace(",", " "))
-    # Eight columns with commas are no TUM: four numbers with decimal commas have as many.
-    kinds = (9, 12, 16) if "," in content else (8, 9, 12, 16)
-    if table is not None and table.shape[1] in kinds and not _is_euroc(content):
+    if table is not None and table.shape[1] in (8, 9, 12, 16) and not _is_euroc(content):
         return _of_numbers(table, content, path)
     rows = [
         text.split()
@@ -102,7 +110,11 @@ def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> P
         poses[:, :3] = values.reshape(-1, 3, 4)
         check_recorded_poses(poses, f"{path}: pose")
         return PoseTable("kitti", np.arange(len(values)), poses)
-    return PoseTable("tum", *tum_poses(values[:, :8], content, path))
+    if values.shape[1] == 8:
+        return PoseTable("tum", *tum_poses(values, content, path))
+    # Lines of a tracker that was lost are left out here, so that poses and numbers are of the same lines.
+    values = values[np.isfinite(values).all(axis=1) & values[:, 4:8].any(axis=1)]
+    return PoseTable("tum", *tum_poses(values[:, :8], content, path), values[:, 8])
 
 
 def _has_names(content: str) -> bool:

@@ -1,7 +1,7 @@
 """`read_scan`: from a path to a scan, whatever its format.
 
-path -> reader of its format -> Recording -> Scan -> poses of another tracker -> corrupt frames
-tolerated -> calibration
+path -> reader of its format -> Recording -> lens of a file -> Scan -> poses of another tracker -> corrupt
+frames tolerated -> calibration
 """
 
 from dataclasses import replace
@@ -13,17 +13,15 @@ from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import READERS, layouts, whole_files
+from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
+from planfit.scan.lens_file import read_lens
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import Recording, scan_from_recording
 from planfit.scan.source import FileSource, ZipSource, open_source
 from planfit.scan.types import Scan, ScanOptions
 from planfit.scan.views import tolerate_corrupt_frames
-
-N_DEPTH_FRAMES = 9
-NEAR_M, FAR_M = 0.2, 20.0
-"""The middle of what a depth camera sees in a building lies between these."""
 
 
 def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | None = None) -> Scan:
@@ -42,6 +40,8 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     options = replace(options, use_masks=use_masks and options.use_masks)
     _check_path(path)
     recording, has_taken_poses = _read(path, options)
+    if options.intrinsics and recording.format != "bag":  # which may name a topic
+        recording = replace(recording, color_lens=read_lens(Path(options.intrinsics)))
     scan = scan_from_recording(recording, options)
     if options.poses is not None and not has_taken_poses:
         scan = take_poses(scan, options.poses, options.max_time_gap_s)
@@ -77,10 +77,11 @@ def check_depth_unit(scan: Scan) -> list[str]:
     if not medians:
         return []
     middle = float(np.median(medians))
-    if NEAR_M <= middle <= FAR_M:
+    near_m, far_m = USUAL_DEPTH_M
+    if near_m <= middle <= far_m:
         return []
     return [
-        f"half of the depth is below {middle:.3g} m, where {NEAR_M:g} to {FAR_M:g} m are usual in a "
+        f"half of the depth is below {middle:.3g} m, where {near_m:g} to {far_m:g} m are usual in a "
         "building: is it in another unit? Say which with --depth-scale (metres of one stored unit)"
     ]
 

@@ -15,6 +15,11 @@ from planfit.errors import ScanError
 from planfit.scan.source import FileSource, in_order, read_text
 
 MAX_QUOTED = 80
+_BEGIN_NUMBERS = tuple("+-0123456789")
+_BETWEEN_NUMBERS = re.compile(r"[\s;]+")
+_WITH_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_BETWEEN_COMMAS = re.compile(r"(?=.*,0\d)[+-]?\d+(?:,[+-]?\d+)*")
+"""Whole numbers alone, one of which begins with 0 as decimals alone do."""
 
 
 def shorten(found: object) -> str:
@@ -76,6 +81,43 @@ def number_table(text: str) -> Float[np.ndarray, "rows columns"] | None:
         return np.loadtxt(StringIO(text), dtype=float, comments="#", ndmin=2)
     except ValueError:
         return None
+
+
+def with_decimal_points(text: str, path: Path) -> str:
+    """A table of numbers whose decimal mark is a comma, as programs write in many a country's settings, with
+    points instead; any other text as it is.
+
+    A comma is decimal where each line of numbers has other marks between them, no number has two commas, and
+    none a point.
+
+    Raises:
+        ScanError: commas are both, so that numbers cannot be told apart.
+    """
+    if "," not in text:
+        return text
+    lines = text.split("\n")
+    is_row = [line.lstrip()[:1] in _BEGIN_NUMBERS for line in lines]
+    found = False
+    for line, is_one in zip(lines, is_row, strict=True):
+        if not is_one or not line.strip():
+            continue
+        words = _BETWEEN_NUMBERS.split(line.split("#")[0].strip())
+        if len(words) == 1 and _BETWEEN_COMMAS.fullmatch(words[0]):
+            raise ScanError(
+                f"{path}: expected numbers that can be told apart, found decimal commas with commas between "
+                f"numbers ({shorten(words[0])}); export it with decimal points, or separated by blanks"
+            )
+        if len(words) == 1 or not all(_WITH_COMMA.fullmatch(w) for w in words if "," in w):
+            return text
+        if any("." in word for word in words):
+            return text
+        found |= "," in line
+    if not found:
+        return text
+    return "\n".join(
+        line.replace(",", ".") if is_one else line
+        for line, is_one in zip(lines, is_row, strict=True)
+    )
 
 
 def read_json(source: FileSource, name: str) -> dict[str, Any]:

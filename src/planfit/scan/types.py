@@ -47,8 +47,9 @@ class ScanOptions(Changeable):
     """Topic of the colour images in a bag; by default the one whose name and type fit best."""
     depth_topic: str = ""
     """Topic of the depth images in a bag; by default the one registered to colour, if there is one."""
-    info_topic: str = ""
-    """Topic of the colour camera's intrinsics in a bag."""
+    intrinsics: str = ""
+    """Lens of the colour camera, in place of the scan's own: a file (YAML of ROS or OpenCV, a camera of
+    COLMAP, or fx fy cx cy); in a bag, also the topic of its CameraInfo."""
     pose_topic: str = ""
     """Topic of the poses in a bag; by default tf, else poses or odometry."""
     instant_s: float = 0.5

@@ -15,10 +15,12 @@ from planfit.scan.pairing import read_camera
 from planfit.scan.poses import MAX_ENTRY, pair_times, poses_at
 from planfit.scan.recording import Frame, LensOfFrame, Size
 from planfit.scan.source import FileSource
-from planfit.scan.tables import read_matrix
+from planfit.scan.tables import first_of, read_matrix
 from planfit.scan.types import ScanOptions
 
-POSES, DEPTH, CONFIDENCE = "lowres_wide.traj", "lowres_depth", "confidence"
+POSES, DEPTHS = ("lowres_wide.traj", "color.traj"), ("lowres_depth", "depth_densified")
+"""Names of today, and of the first release."""
+CONFIDENCE = "confidence"
 COLORS = ("vga_wide", "lowres_wide", "wide")
 """Colour of the same camera, best first: VGA at 30 Hz; 256 x 192 at 60 Hz; 1920 x 1440, but only of frames
 whose depth fits the laser scanner's."""
@@ -32,24 +34,31 @@ MAX_IMAGE_GAP_S = 0.005
 class _Pincams:
     """Names of the files of intrinsics, by the ids of frames."""
 
+    poses_name: str
     folder: str
     name_of: dict[str, str]
 
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # noqa: ARG001
     color = next((n for n in COLORS if source.names(n)), "lowres_wide")
+    depth_folder = next((n for n in DEPTHS if source.names(n)), DEPTHS[0])
+    poses_name = first_of(source, POSES)
+    lenses = next(
+        (n for n in (f"{color}_intrinsics", "color_intrinsics") if source.names(n)),
+        f"{color}_intrinsics",
+    )
     color_times, color_names = _by_time(source, color, ".png")
-    depth_times, depth_names = _by_time(source, DEPTH, ".png")
+    depth_times, depth_names = _by_time(source, depth_folder, ".png")
     mine, depth = pair_times(color_times, depth_times, MAX_IMAGE_GAP_S)
-    pincam_times, pincams = _by_time(source, f"{color}_intrinsics", ".pincam")
+    pincam_times, pincams = _by_time(source, lenses, ".pincam")
     nearest = [int(np.argmin(np.abs(pincam_times - time))) for time in color_times]
     has_lens = np.abs(pincam_times[nearest] - color_times) <= MAX_IMAGE_GAP_S
-    pose_times, recorded = _read_poses(source)
+    pose_times, recorded = _read_poses(source, poses_name)
     poses, known = poses_at(pose_times, recorded, color_times[mine], MAX_POSE_GAP_S)
     if not known.any():
         raise ScanError(
             f"{source.path}: expected colour ({len(color_times)} images), depth ({len(depth_times)}) and "
-            f"poses of {POSES} ({len(pose_times)}) of the same times, found none; are they of one video?"
+            f"poses of {poses_name} ({len(pose_times)}) of the same times, found none; are they of one video?"
         )
     frames = [
         Frame(
@@ -57,7 +66,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
             float(color_times[i]),
             pose,
             f"{color}/{color_names[i]}",
-            f"{DEPTH}/{depth_names[j]}",
+            f"{depth_folder}/{depth_names[j]}",
             f"{CONFIDENCE}/{depth_names[j]}",
         )
         for i, j, pose, ok in zip(mine, depth, poses, known & has_lens[mine], strict=True)
@@ -65,17 +74,18 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
     ]
     lens_of = {color_names[i].removesuffix(".png"): pincams[k] for i, k in enumerate(nearest)}
     lone = np.setdiff1d(np.arange(len(color_times)), mine)
-    skipped = [f"frame {color_names[i]}: {DEPTH} has none of its time" for i in lone]
+    skipped = [f"frame {color_names[i]}: {depth_folder} has none of its time" for i in lone]
     if color == "lowres_wide":  # as often as depth; others come at rates of their own
         lone = np.setdiff1d(np.arange(len(depth_times)), depth)
         skipped += [f"frame {depth_names[j]}: {color} has none of its time" for j in lone]
     skipped += [
-        f"frame {color_names[i]}: {color}_intrinsics has none of its time"
-        for i in np.flatnonzero(~has_lens)
+        f"frame {color_names[i]}: {lenses} has none of its time" for i in np.flatnonzero(~has_lens)
     ]
-    skipped += [f"frame {color_names[i]}: {POSES} has no pose near its time" for i in mine[~known]]
-    pincams_of = _Pincams(f"{color}_intrinsics", lens_of)
-    return Listing(source, frames, pincams_of, [POSES], skipped)
+    skipped += [
+        f"frame {color_names[i]}: {poses_name} has no pose near its time" for i in mine[~known]
+    ]
+    pincams_of = _Pincams(poses_name, lenses, lens_of)
+    return Listing(source, frames, pincams_of, [poses_name], skipped)
 
 
 def _lens(listing: Listing[_Pincams]) -> LensOfFrame:
@@ -113,13 +123,15 @@ def _by_time(
     return np.array([time for time, _ in found]), [name for _, name in found]
 
 
-def _read_poses(source: FileSource) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
-    table = read_matrix(source, POSES, "lines `time rx ry rz tx ty tz`")
+def _read_poses(
+    source: FileSource, name: str
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 4 4"]]:
+    table = read_matrix(source, name, "lines `time rx ry rz tx ty tz`")
     if table.shape[1] != 7:
-        raise ScanError(f"{source.path / POSES}: expected 7 numbers a line, found {table.shape[1]}")
+        raise ScanError(f"{source.path / name}: expected 7 numbers a line, found {table.shape[1]}")
     kept = table[np.isfinite(table).all(axis=1)]  # as if the tracker had written nothing
     if not len(kept) or np.abs(kept[:, 1:]).max() >= MAX_ENTRY:
-        raise ScanError(f"{source.path / POSES}: expected finite poses, found none")
+        raise ScanError(f"{source.path / name}: expected finite poses, found none")
     rotations = Rotation.from_rotvec(kept[:, 1:4]).as_matrix()
     return kept[:, 0], se3.inverse(se3.make_transform(rotations, kept[:, 4:]))
 
@@ -132,7 +144,7 @@ def _write(refined: Refined[_Pincams]) -> None:
         np.format_float_positional(frame.time, trim="-") + " " + " ".join(f"{v:.9f}" for v in row)
         for frame, row in zip(refined.frames, rows, strict=True)
     ]
-    (refined.directory / POSES).write_text("\n".join(lines) + "\n")
+    (refined.directory / refined.content.poses_name).write_text("\n".join(lines) + "\n")
 
 
 ARKIT_SCENES = FolderLayout(
@@ -144,20 +156,28 @@ ARKIT_SCENES = FolderLayout(
     SCAN/COLOR_intrinsics/VIDEO_TIME.pincam   width height fx fy cx cy, of the colour of the same time
     SCAN/lowres_depth/VIDEO_TIME.png          256 x 192, 16-bit millimetres
     SCAN/confidence/VIDEO_TIME.png            0 low, 1 medium, 2 high (optional)
+    SCAN/color.traj, color_intrinsics/, wide/, depth_densified/     the first release: files TIME, no VIDEO
 
 Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
 interpolated. Depth belongs to colour of the same time; intrinsics may be a millisecond off by name, as the
-set's own loader knows. Whether the world is level is not told. Refined poses are written as
-`lowres_wide.traj`, at the times of the frames.
+set's own loader knows. Whether the world is level is not told. Refined poses are written in the file of
+poses, at the times of the frames.
 """,
-    expects="lowres_wide.traj with folders lowres_depth/ and lowres_wide/ (vga_wide/, wide/)",
+    expects=(
+        "lowres_wide.traj (color.traj) with folders lowres_depth/ (depth_densified/) and lowres_wide/ "
+        "(vga_wide/, wide/)"
+    ),
     checked=(
         "Apple's DATA.md, raw/README.md and tenFpsDataLoader.py "
         "(github.com/apple/ARKitScenes). No real file",
         "direction and form of poses, rates, names a millisecond apart, intrinsics, units",
     ),
-    told_by=(POSES, f"{DEPTH}/", "|".join(f"{name}/" for name in COLORS)),
-    parts=(POSES, f"{DEPTH}/", "lowres_wide/"),
+    told_by=(
+        "|".join(POSES),
+        "|".join(f"{name}/" for name in DEPTHS),
+        "|".join(f"{name}/" for name in COLORS),
+    ),
+    parts=(POSES[0], f"{DEPTHS[0]}/", "lowres_wide/"),
     frames=_frames,
     lens=_lens,
     write=_write,

@@ -13,11 +13,12 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import ScanError, each_told_as, told_as
 from planfit.scan.formats.bag_messages import camera_info_lens, color_of_message, depth_of_message
 from planfit.scan.formats.bag_poses import Transforms, fixed_transform, poses_of_bag, read_tf
-from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics
+from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics, has_lens_file
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
+from planfit.scan.lens_file import read_lens
 from planfit.scan.poses import pair_times, write_tum
-from planfit.scan.recording import Frame, Recording, Size, StoredImages
+from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.types import ScanOptions
 
@@ -144,8 +145,9 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     tree = read_tf(reader)
     if options.poses is None:
         poses, known, warnings = poses_of_bag(
-            path, reader, tree, topics.pose, camera_frame, times, options.max_time_gap_s
-        )
+            path, reader, tree, topics.pose, bool(options.pose_topic), camera_frame, times,
+            options.max_time_gap_s,
+        )  # fmt: skip
     else:  # others take their place: a bag of a camera alone (RealSense, Azure Kinect) has none
         poses, known = np.tile(np.eye(4), (len(times), 1, 1)), np.ones(len(times), dtype=bool)
         warnings = []
@@ -154,7 +156,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         _size(color_of_message(listing.first[topics.color], topics.color)),
         _size(depth_of_message(listing.first[topics.depth], topics.depth)),
     )
-    color_lens, depth_lens = _lenses(listing.first, topics, sizes)
+    color_lens, depth_lens = _lenses(listing.first, topics, sizes, options)
 
     def write_poses(
         directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
@@ -173,8 +175,8 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
             )
         ],
         images=BagImages(reader, listing, sizes, options.depth_scale),
-        color_lens=lambda *_: color_lens,
-        depth_lens=lambda *_: depth_lens,
+        color_lens=color_lens,
+        depth_lens=depth_lens,
         color_from_depth=color_from_depth,
         write_poses=write_poses,
         fingerprint=_fingerprint(path, options),
@@ -252,13 +254,23 @@ def _size(image: np.ndarray) -> Size:
     return image.shape[1], image.shape[0]
 
 
-def _lenses(first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size]) -> tuple[Lens, Lens]:
+def _lenses(
+    first: dict[str, Any], topics: Topics, sizes: tuple[Size, Size], options: ScanOptions
+) -> tuple[LensOfFrame, LensOfFrame]:
     """Of colour and depth; registered depth, or depth without a CameraInfo, shows what the colour shows."""
-    color = camera_info_lens(first[topics.info], topics.info, topics.color, sizes[0])
+    if has_lens_file(options):
+        color = read_lens(Path(options.intrinsics))
+    else:
+        lens = camera_info_lens(first[topics.info], topics.info, topics.color, sizes[0])
+        color = _always(lens)
     if not topics.depth_info or _is_registered(topics):
-        return color, color.scaled(*sizes[1])
+        return color, lambda frame, _: color(frame, sizes[0]).scaled(*sizes[1])
     info = first[topics.depth_info]
-    return color, camera_info_lens(info, topics.depth_info, topics.depth, sizes[1])
+    return color, _always(camera_info_lens(info, topics.depth_info, topics.depth, sizes[1]))
+
+
+def _always(lens: Lens) -> LensOfFrame:
+    return lambda *_: lens
 
 
 class BagReader:
@@ -325,10 +337,10 @@ BAG = WholeFile(
     page="""ROS 1 and 2 bags and MCAP files, by the library rosbags (planfit[bag]).
 
 Topics are named by the options, or guessed: colour and depth images (raw, compressed or compressedDepth),
-the colour camera's CameraInfo, and poses from tf (the chain from the camera's frame up), else from
-PoseStamped, Odometry, TransformStamped or the last Path. Times are those of the messages' headers. Depth
-that is not registered to colour is, by the static tf between the two cameras. Refined poses are written as
-`trajectory.tum`, world_from_cam: a bag is not rewritten.
+the colour camera's CameraInfo (or a file, `--intrinsics`), and poses from tf (the chain from the camera's
+frame up); where that has no motion, from PoseStamped, Odometry, TransformStamped or the last Path. Times
+are those of the messages' headers. Depth that is not registered to colour is, by the static tf between the
+two cameras. Refined poses are written as `trajectory.tum`, world_from_cam: a bag is not rewritten.
 """,
     expects="a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml",
     checked=(

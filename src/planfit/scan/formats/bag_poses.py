@@ -42,44 +42,77 @@ def poses_of_bag(
     reader: Any,
     tree: Transforms,
     topic: str,
+    is_topic_asked_for: bool,
     camera_frame: str,
     times: Float[np.ndarray, " k"],
     max_gap_s: float,
 ) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"], list[str]]:
-    """world_from_cams at times, which are known, and warnings. Without a topic: by tf.
+    """world_from_cams at times, which are known, and warnings: by tf where that moves and no topic is asked
+    for, else by the topic.
 
     Raises:
         ScanError: nothing is known at any of the times.
     """
     camera = camera_frame.lstrip("/")
+    edges = _chain(tree, camera, None) or []
     warnings: list[str] = []
-    if topic:
-        edge, child = _read_topic(reader, topic)
-        if not edge.times:
-            raise ScanError(f"{path}: expected poses on {topic}, found none")
-        poses, known = edge.at(times, max_gap_s)
-        found = _chain(tree, camera, child)
-        if child and child != camera and found is not None:
-            steps, ok = _along(found, times, max_gap_s)
-            poses, known = poses @ steps, known & ok
-        elif child != camera:
-            warnings.append(
-                f"poses of {topic} ({child or 'no frame'}) are taken for those of {camera}"
-            )
-    else:
-        edges = _chain(tree, camera, None)
-        if not edges or all(edge.is_static for edge in edges):
-            raise ScanError(
-                f"{path}: expected tf from {camera or 'the camera'} to a world that it moves in, found "
-                f"{', '.join(sorted(tree)) or 'no transforms'}; name a topic with --pose-topic, or give "
-                "another tracker's poses with --poses"
-            )
+    if not is_topic_asked_for and not all(edge.is_static for edge in edges):
         poses, known = _along(edges, times, max_gap_s)
+    elif topic:
+        if tree and not is_topic_asked_for:
+            why = "is static" if edges else f"does not lead to {camera or 'the camera'}"
+            warnings.append(
+                f"poses are those of {topic}, as tf {why}{_lacking(tree)}; --pose-topic says otherwise"
+            )
+        poses, known, more = _of_topic(path, reader, tree, topic, camera, times, max_gap_s)
+        warnings += more
+    else:
+        raise ScanError(
+            f"{path}: expected tf from {camera or 'the camera'} to a world that it moves in, found "
+            f"{', '.join(sorted(tree)) or 'no transforms'}{_lacking(tree)}; record /tf_static or poses of "
+            "the camera too, name a topic with --pose-topic, or give another tracker's poses with --poses"
+        )
     if not known.any():
         raise ScanError(
             f"{path}: expected poses within {max_gap_s:g} s of colour images ({times.min():.3f} to "
             f"{times.max():.3f} s), found none; give --max-time-gap-s or another --pose-topic"
         )
+    return poses, known, warnings
+
+
+def _lacking(tree: Transforms) -> str:
+    """What was not recorded of tf, in words."""
+    return "" if any(edge.is_static for edge in tree.values()) else " (no /tf_static was recorded)"
+
+
+def _of_topic(
+    path: Path,
+    reader: Any,
+    tree: Transforms,
+    topic: str,
+    camera: str,
+    times: Float[np.ndarray, " k"],
+    max_gap_s: float,
+) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"], list[str]]:
+    edge, child = _read_topic(reader, topic)
+    if not edge.times:
+        raise ScanError(f"{path}: expected poses on {topic}, found none")
+    poses, known = edge.at(times, max_gap_s)
+    warnings = []
+    found = _chain(tree, camera, child or None)
+    if not child and found and all(edge.is_static for edge in found):
+        # Poses in ROS are those of a body, of which the camera is a part.
+        child = found[-1].parent
+        warnings.append(
+            f"poses of {topic}, which do not say of what they are, are taken for those of {child}"
+        )
+    elif not child:
+        found = None
+    if child and child != camera and found is not None:
+        steps, ok = _along(found, times, max_gap_s)
+        poses, known = poses @ steps, known & ok
+    elif child != camera:
+        warnings.append(f"poses of {topic} ({child or 'no frame'}) are taken for those of {camera}")
     return poses, known, warnings
 
 

@@ -35,7 +35,7 @@ class Topics:
     info: str
     depth_info: str
     pose: str
-    """Empty: tf."""
+    """Of poses beside tf, or in its place."""
 
 
 def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) -> Topics:
@@ -50,7 +50,7 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
     chosen = {
         "--color-topic": options.color_topic,
         "--depth-topic": options.depth_topic,
-        "--info-topic": options.info_topic,
+        "--intrinsics": "" if has_lens_file(options) else options.intrinsics,
         "--pose-topic": options.pose_topic,
     }
     for flag, topic in chosen.items():
@@ -69,21 +69,26 @@ def choose_topics(path: Path, connections: Iterable[Any], options: ScanOptions) 
         raise ScanError(
             f"{path}: expected image topics of colour and depth, found {_list(types)}; {step}"
         )
-    info = options.info_topic or _info_beside(color, infos)
-    if not info:
+    info = chosen["--intrinsics"] or _info_beside(color, infos)
+    if not info and not has_lens_file(options):
         raise ScanError(
-            f"{path}: expected a CameraInfo topic beside {color}, found {_list(types)}; "
-            "name it with --info-topic"
+            f"{path}: expected a CameraInfo topic beside {color}, found {_list(types)}; give the lens with "
+            "--intrinsics, such a topic or a file (YAML of ROS or OpenCV, or fx fy cx cy)"
         )
     has_tf = any(kind in TF_TYPES for kind in types.values())
     poses = [t for t, kind in types.items() if kind in POSE_TYPES]
-    pose = options.pose_topic or ("" if has_tf else _best(poses, ("pose", "odom", "path")))
+    pose = options.pose_topic or _best(poses, ("pose", "odom", "path"))
     if not pose and not has_tf and options.poses is None:
         raise ScanError(
             f"{path}: expected poses (tf, PoseStamped, Odometry or Path), found {_list(types)}; "
             "record them, or give another tracker's as TUM with --poses"
         )
     return Topics(color, depth, info, _info_beside(depth, infos), pose)
+
+
+def has_lens_file(options: ScanOptions) -> bool:
+    """Whether the lens comes from a file, and not from a topic."""
+    return bool(options.intrinsics) and Path(options.intrinsics).is_file()
 
 
 def _message_type(name: str) -> str:

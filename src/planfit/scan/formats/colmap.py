@@ -16,12 +16,12 @@ from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
-from planfit.scan.tables import first_of
+from planfit.scan.tables import first_of, has_part
 from planfit.scan.types import ScanOptions
 
 MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
-DEPTH_FOLDERS = ("depth", "depths")
+DEPTH_FOLDERS = ("depth", "depths", "stereo/depth_maps")
 MODELS = "|".join(
     str(PurePosixPath(folder) / name)
     for folder in MODEL_FOLDERS
@@ -45,7 +45,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Model]:  # noq
     cameras_file, images_file = (PurePosixPath(name).name for name in model_files(source, folder))
     cameras, images = read_model(source, folder)
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
-    depths = next(n for n in DEPTH_FOLDERS if n in source.folders())
+    depths = next(n for n in DEPTH_FOLDERS if has_part(source, f"{n}/"))
     image_of = {f"{colors}/{image.name}": image for image in images}
     frames = [
         Frame(
@@ -99,7 +99,8 @@ def _model_folder(source: FileSource) -> str | None:
 
 def _depth_name(source: FileSource, folder: str, name: str) -> str:
     stem = PurePosixPath(name).with_suffix("")
-    names = (f"{stem}.png", f"{stem}.npy", f"{name}.png")
+    dense = (f"{name}.geometric.bin", f"{name}.photometric.bin")
+    names = (f"{stem}.png", f"{stem}.npy", f"{name}.png", *dense)
     return first_of(source, [f"{folder}/{one}" for one in names])
 
 
@@ -110,13 +111,16 @@ COLMAP = FolderLayout(
     SCAN/sparse/0/, sparse/, or SCAN/    cameras and images, .bin or .txt
     SCAN/images/ (or color/, rgb/)       colour, by the names of the model
     SCAN/depth/ (or depths/)             NAME.png 16-bit millimetres, or NAME.npy metres
+    SCAN/stereo/depth_maps/              in its place: NAME.geometric.bin (else photometric) of COLMAP's own
+                                         patch_match_stereo
 
 The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
 poses are written with what the images observed, and without points, which `colmap point_triangulator` finds
 again.
 """,
     expects=(
-        "images.bin or images.txt in sparse/0/, sparse/ or the folder itself, with a folder depth/"
+        "images.bin or images.txt in sparse/0/, sparse/ or the folder itself, with depth/ or "
+        "stereo/depth_maps/"
     ),
     checked=(
         "two real models: binary by COLMAP (10 images, 1,430 observations in the first), text"

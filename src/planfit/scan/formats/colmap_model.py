@@ -203,6 +203,23 @@ def _pose(
     return se3.inverse(se3.make_transform(rotation, np.array(translation, dtype=float)))
 
 
+def camera_of_words(words: Sequence[str], where: str) -> ColmapCamera:
+    """The camera that words of a line tell: its number, model, width, height and parameters.
+
+    Raises:
+        ScanError: they tell none; it begins with `where`.
+    """
+    try:
+        number, size = int(words[0]), (int(words[2]), int(words[3]))
+        parameters = [float(v) for v in words[4:]]
+    except (ValueError, IndexError) as error:
+        raise ScanError(
+            f"{where}: expected lines of a camera's id, model, width, height and parameters, found "
+            f"{shorten(' '.join(words))!r}"
+        ) from error
+    return _camera(number, words[1], size, parameters, where)
+
+
 def _text_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
     where = str(source.path / name)
     cameras = {}
@@ -210,15 +227,8 @@ def _text_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
         words = line.split()
         if not words or line.startswith("#"):
             continue
-        try:
-            number, size = int(words[0]), (int(words[2]), int(words[3]))
-            parameters = [float(v) for v in words[4:]]
-        except (ValueError, IndexError) as error:
-            raise ScanError(
-                f"{where}: expected lines of a camera's id, model, width, height and parameters, found "
-                f"{shorten(line)!r}"
-            ) from error
-        cameras[number] = _camera(number, words[1], size, parameters, where)
+        camera = camera_of_words(words, where)
+        cameras[camera.camera_id] = camera
     return cameras
 
 

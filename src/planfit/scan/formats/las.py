@@ -25,8 +25,8 @@ _RECORDS = (("records of variable length", 100, 54), ("extended records", 243, 6
 """What a header counts, at which byte, and how many bytes one takes at least."""
 NOISE = (7, 18)
 """Classes of points that ASPRS calls low and high noise."""
-MAX_TIME_S = 1e19
-"""Nanoseconds since 1970 are below; a damaged file has any number."""
+MAX_TIME = 1e25
+"""What clocks count in the smallest of units is below (`CLOCK_UNITS`); a damaged file has any number."""
 CRS_RECORDS = "LASF_Projection"
 N_SEEKS, PER_SEEK = 12, 2000
 
@@ -80,7 +80,7 @@ class LasFile:
                 found.append(np.array(reader.read_points(PER_SEEK).gps_time, dtype=float))
         times = np.concatenate(found)
         with np.errstate(invalid="ignore"):
-            return times[np.abs(times) < MAX_TIME_S]
+            return times[np.abs(times) < MAX_TIME]
 
     def pieces(self) -> Iterator[TimedPoints]:
         """All points, in the order of the file."""
@@ -212,14 +212,16 @@ LAS = WholeFile(
 
     CLOUD.las, .laz    LAS 1.2 to 1.4, a point format with gps_time (1, 3 to 10)
     TRAJECTORY         text, in the axes of the cloud: `time x y z [qx qy qz qw]`, or columns that a header
-                       names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23
+                       names: `%time x y z qw qx qy qz`, `Time[s],Easting[m],...`, HDMapping's pose00 to 23;
+                       or a cloud, LAS or E57, whose points are places of the scanner
 
 The cloud's z is up, unless the scanner's path says that another axis is, which is told (`--cloud-up`).
 The cloud is cut into instants of half a second. Each is seen from where the scanner was, as depth images of
 level pinhole cameras, which are the frames: one that follows the scanner where it sees to one side, else
 four. Points that are withheld or classified as noise (7, 18) are left out. Colour is not read. Times count
 from the start of the GPS week, or are GPS seconds less a billion (bit 0 of the header's encoding); how they
-relate to the trajectory's clock is found where one usual relation alone fits, told, and refused else.
+relate to the trajectory's clock is found where one usual relation alone fits, told, and refused else; either
+may count milli-, micro- or nanoseconds, which is told too.
 Coordinates are double precision; frames are near the origin, by an offset of whole kilometres. The refined
 trajectory is written in the form it came in, and the cloud with every point moved by the correction of its
 time: scale, offset, attributes, extra dimensions and records of the header as they were.

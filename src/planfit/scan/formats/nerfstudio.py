@@ -3,12 +3,13 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from planfit.errors import ScanError
+from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M, decode_depth
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import check_recorded_pose, from_opengl
@@ -18,6 +19,8 @@ from planfit.scan.tables import first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
 
 NAME = "transforms.json"
+FLOATS = (".npy", ".tif", ".tiff")
+"""Ends of the names of depth that may be floating-point numbers; whole ones have a unit of their own."""
 DEPTH_KEYS = ("depth_file_path", "depth_path")
 KINDS = (
     "", "OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV_FISHEYE"
@@ -32,9 +35,10 @@ class _Transforms:
     content: dict[str, Any]
     item_of: dict[str, dict[str, Any]]
     where: str
+    metres_per_float: float
 
 
-def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:  # noqa: ARG001
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:
     path = source.path / NAME
     content = read_json(source, NAME)
     listed = content.get("frames")
@@ -45,14 +49,32 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Transforms]:  
             f"{path}: expected frames with depth_file_path, found none; planfit needs depth, process "
             "the capture with depth"
         )
-    times = _times(listed)
+    times, told_of_times = _times(listed)
     frames = [
         _frame(source, item, time, f"{path}, frame {i}")
         for i, (item, time) in enumerate(zip(listed, times, strict=True))
     ]
     item_of = {frame.color: item for frame, item in zip(frames, listed, strict=True)}
-    transforms = _Transforms(content, item_of, str(path))
-    return Listing(source, sorted(frames, key=lambda frame: frame.time), transforms, [NAME])
+    metres_per_float, told = _unit_of_floats(source, frames)
+    transforms = _Transforms(content, item_of, str(path), metres_per_float)
+    warnings = [*told_of_times, *(told if options.depth_scale is None else [])]
+    listing = sorted(frames, key=lambda frame: frame.time)
+    return Listing(source, listing, transforms, [NAME], warnings=warnings)
+
+
+def _unit_of_floats(source: FileSource, frames: Sequence[Frame]) -> tuple[float, list[str]]:
+    """Metres of a unit of floating-point depth, and what to say of it: nerfstudio multiplies all depth by one
+    factor, a thousandth; apps and other programs write metres."""
+    names = [f.depth for f in frames if f.depth.endswith(FLOATS) and source.exists(f.depth)]
+    looked_at = names[:: max(1, len(names) // N_DEPTH_FRAMES)]
+    depths = [decode_depth(source.read(name), 1.0, source.path / name) for name in looked_at]
+    known = [float(np.nanmedian(one)) for one in depths if np.isfinite(one).any()]
+    if not known or not USUAL_DEPTH_M[0] <= 1e-3 * np.median(known) <= USUAL_DEPTH_M[1]:
+        return 1.0, []
+    return 1e-3, [
+        f"depth of {Path(looked_at[0]).suffix} is taken as millimetres, as nerfstudio does: half of it is "
+        f"beyond {np.median(known):.0f}; if not so, say which unit with --depth-scale"
+    ]
 
 
 def _metres_per_unit(listing: Listing[_Transforms]) -> float:
@@ -70,13 +92,30 @@ def _image_name(source: FileSource, name: str) -> str:
     return first_of(source, [f"{path}{suffix}" for suffix in ("", ".png", ".jpg", ".jpeg")])
 
 
-def _times(listed: Sequence[object]) -> list[float]:
-    """`timestamp` of each frame where all have one: NeRFCapture lists frames as they were written, which is
-    not as they were taken. Else their places in the list."""
+def _times(listed: Sequence[object]) -> tuple[list[float], list[str]]:
+    """`timestamp` of each frame where all have one, and what to say of them: NeRFCapture lists frames as they
+    were written, which is not as they were taken. Else their places in the list; also where the path would be
+    longer in the order of times, which then are of several clocks, or are durations."""
+    places = [float(i) for i in range(len(listed))]
     found = [item.get("timestamp") if isinstance(item, dict) else None for item in listed]
     times = [float(t) for t in found if isinstance(t, int | float) and np.isfinite(t)]
-    is_clock = len(times) == len(listed) and len(set(times)) == len(times)
-    return times if is_clock else [float(i) for i in range(len(listed))]
+    if len(times) < len(listed):
+        return places, []
+    matrices = [item.get("transform_matrix") for item in listed if isinstance(item, dict)]
+    try:
+        positions = np.array(matrices, dtype=float).reshape(-1, 4, 4)[:, :3, 3]
+    except (ValueError, TypeError):
+        return times, []  # the matrix that is none is named when it is read
+    by_time = positions[np.argsort(times, kind="stable")]
+    as_listed_m, by_time_m = (
+        np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (positions, by_time)
+    )
+    if len(set(times)) == len(times) and not by_time_m > as_listed_m:
+        return times, []
+    return places, [
+        f"timestamps of {NAME} repeat or contradict the path, as of several clocks: frames are in the order "
+        "of the list, without times"
+    ]
 
 
 def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
@@ -144,9 +183,11 @@ Each frame has `file_path`, `depth_file_path` (Instant-NGP: `depth_path`) and `t
 world_from_cam with OpenGL camera axes. Intrinsics `fl_x fl_y cx cy w h` and distortion `k1 k2 p1 p2 k3 k4`
 with `camera_model` stand at the top or in a frame, which wins. There cx and cy count from the corner of the
 first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfstudio's default), or in units
-of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures), or
-`.npy` in metres. A `file_path` without suffix is a .png or .jpg, as in Instant-NGP. Frames are taken in the
-order of their `timestamp` where all have one. The axes of the world are anyone's.
+of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures).
+Floating-point numbers (`.npy`, TIFF, EXR) are metres; in `.npy` and TIFF millimetres, as nerfstudio has it,
+where half of them are beyond 200, which is told. A `file_path` without suffix is a .png or .jpg, as in
+Instant-NGP. Frames are taken in the order of their `timestamp` where all have one and the path is no longer
+for it; else in that of the list, which is told. The axes of the world are anyone's.
 """,
     expects="transforms.json with frames that have depth_file_path (or depth_path)",
     checked=(
@@ -158,6 +199,7 @@ order of their `timestamp` where all have one. The axes of the world are anyone'
     parts=(NAME, "images/", "depth/"),
     frames=_frames,
     metres_per_unit=_metres_per_unit,
+    metres_per_float=lambda listing: listing.content.metres_per_float,
     lens=each_frame(_lens),
     write=_write,
 )

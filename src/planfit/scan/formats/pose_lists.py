@@ -1,6 +1,6 @@
 """Numbered images and one file of poses: Replica's renderings, Redwood's and Open3D's folders."""
 
-import math
+import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,12 +11,15 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
+from planfit.geometry import se3
+from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import Poses, RowAFrame
-from planfit.scan.poses import UP_Z
+from planfit.scan.pose_files import read_poses_of
+from planfit.scan.poses import UP_Z, check_pose
 from planfit.scan.recording import Frame, LensOfFrame, pinhole_lens
 from planfit.scan.source import FileSource, FolderSource, in_order
-from planfit.scan.tables import Names, first_of, number_list, read_json, read_rows, shorten
+from planfit.scan.tables import Names, first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
 
 CALIBRATION = "cam_params.json"
@@ -27,11 +30,26 @@ FRAMES = RowAFrame(
     poses="traj.txt",
     tables=(CALIBRATION,),
 )
+SEMANTIC = RowAFrame(
+    color=Names("rgb/rgb_{}.png", "rgb/rgb_{}.jpg"),
+    depth=Names("depth/depth_{}.png"),
+    poses="traj_w_c.txt",
+)
+"""Of Semantic-NeRF: 90 degrees wide, depth in millimetres."""
+
+
+def _replica(source: FileSource) -> RowAFrame:
+    return FRAMES if source.exists(FRAMES.poses) else SEMANTIC
 
 
 def _replica_frames(source: FileSource, options: ScanOptions) -> Listing[Poses]:
     """Frames; a calibration above the folder is told apart by what it says."""
-    return replace(FRAMES(source, options), fingerprinted=(_camera(source),))
+    listing = _replica(source)(source, options)
+    return (
+        replace(listing, fingerprinted=(_camera(source),))
+        if _replica(source) is FRAMES
+        else listing
+    )
 
 
 def _camera(source: FileSource) -> dict[str, Any]:
@@ -50,12 +68,22 @@ def _camera(source: FileSource) -> dict[str, Any]:
 
 
 def _lens(listing: Listing[Poses]) -> LensOfFrame:
+    if _replica(listing.source) is SEMANTIC:
+        return lambda _, size: Lens(
+            make_camera(
+                *size,
+                (size[0] / 2, size[0] / 2, (size[0] - 1) / 2, (size[1] - 1) / 2),
+                str(listing.source.path),
+            )
+        )
     camera = _camera(listing.source)
     numbers = [camera.get(key, np.nan) for key in ("fx", "fy", "cx", "cy")]
     return pinhole_lens(numbers, f"{listing.source.path}: {CALIBRATION}")
 
 
 def _metres_per_unit(listing: Listing[Poses]) -> float:
+    if _replica(listing.source) is SEMANTIC:
+        return 1e-3
     path, stored = listing.source.path, _camera(listing.source).get("scale", PUBLISHED["scale"])
     scale = float(number_list(stored, 1, f"{path}: {CALIBRATION}, scale")[0])
     if not 0 < scale < np.inf:
@@ -65,31 +93,38 @@ def _metres_per_unit(listing: Listing[Poses]) -> float:
 
 REPLICA = FolderLayout(
     name="replica",
-    page="""Replica as rendered for iMAP and NICE-SLAM.
+    page="""Replica as rendered for iMAP and NICE-SLAM, and for Semantic-NeRF.
 
     SCAN/results/frameNNNNNN.jpg, depthNNNNNN.png    depth 16-bit
     SCAN/traj.txt                                    a row of 16 numbers a frame: world_from_cam, OpenCV axes
     SCAN/cam_params.json, or in the folder above     {"camera": {w, h, fx, fy, cx, cy, scale}}
 
+    SCAN/rgb/rgb_N.png, depth/depth_N.png, traj_w_c.txt     Semantic-NeRF's: images 90 degrees wide, depth in
+                                                            millimetres, poses in the same form
+
 `scale` is how many units of depth make a metre (6553.5). The world is z-up and level. Without
 cam_params.json, the published values are taken.
 """,
-    expects="traj.txt with results/frameNNNNNN.jpg and results/depthNNNNNN.png",
+    expects="traj.txt with results/frameNNNNNN.jpg, depthNNNNNN.png; traj_w_c.txt with rgb/, depth/",
     checked=(
-        "the camera and png_depth_scale in programs that read NICE-SLAM's renderings. No real file",
+        "the camera and png_depth_scale in programs that read NICE-SLAM's renderings, and those that read "
+        "Semantic-NeRF's. No real file",
         "size, focal length and scale of depth",
     ),
-    told_by=(FRAMES.poses, "|".join(FRAMES.color.patterns)),
+    told_by=(
+        f"{FRAMES.poses}|{SEMANTIC.poses}",
+        "|".join((*FRAMES.color.patterns, *SEMANTIC.color.patterns)),
+    ),
     parts=(FRAMES.poses, "results/"),
     frames=_replica_frames,
     metres_per_unit=_metres_per_unit,
     lens=_lens,
-    write=FRAMES.write,
+    write=lambda refined: _replica(refined.source).write(refined),
     up_world=UP_Z,
 )
 
 
-LOGS = ("trajectory.log", "scene/trajectory.log")
+LOGS = tuple(f"{where}trajectory.{end}" for end in ("log", "json") for where in ("", "scene/"))
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
 PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
@@ -101,6 +136,8 @@ class _Counted:
 
     number_of: dict[str, int]
     intrinsics_name: str
+    parameters: list[dict[str, Any]]
+    """Of a trajectory as JSON: an object a frame."""
 
 
 def _counted_frames(source: FileSource, options: ScanOptions) -> Listing[_Counted]:  # noqa: ARG001
@@ -108,7 +145,8 @@ def _counted_frames(source: FileSource, options: ScanOptions) -> Listing[_Counte
     folder = next(name for name in COLOR_FOLDERS if source.names(name))
     colors, depths = _images(source, folder), _images(source, "depth")
     pair = _pair(colors, depths)
-    poses = _read_log(source, log)
+    parameters = _parameters(source, log) if log.endswith(".json") else []
+    poses = _read_json(parameters, str(source.path / log)) if parameters else _read_log(source, log)
     frames, skipped = [], []
     for i, (color, depth) in enumerate(pair):
         number = Path(color).stem
@@ -123,18 +161,30 @@ def _counted_frames(source: FileSource, options: ScanOptions) -> Listing[_Counte
     return Listing(
         source,
         frames,
-        _Counted(index, intrinsics_name),
+        _Counted(index, intrinsics_name, parameters),
         [log, *([intrinsics_name] if intrinsics_name else [])],
         skipped,
         []
-        if intrinsics_name
+        if intrinsics_name or parameters
         else ["no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"],
     )
 
 
 def _write(refined: Refined[_Counted]) -> None:
     numbers = [refined.content.number_of[frame.color] for frame in refined.frames]
-    write_log(refined.directory / "trajectory.log", numbers, refined.poses)
+    parameters = refined.content.parameters
+    if not parameters:
+        write_log(refined.directory / "trajectory.log", numbers, refined.poses)
+        return
+    for number, pose in zip(numbers, se3.inverse(refined.poses), strict=True):
+        parameters[number] = {**parameters[number], "extrinsic": pose.ravel(order="F").tolist()}
+    content = {
+        "class_name": "PinholeCameraTrajectory",
+        "parameters": parameters,
+        "version_major": 1,
+        "version_minor": 0,
+    }
+    (refined.directory / "trajectory.json").write_text(json.dumps(content, indent=1) + "\n")
 
 
 def write_log(path: Path, numbers: Sequence[int], poses: Float[np.ndarray, "n 4 4"]) -> None:
@@ -167,29 +217,44 @@ def _pair(colors: list[str], depths: list[str]) -> list[tuple[str, str]]:
 
 
 def _read_log(source: FileSource, name: str) -> dict[int, Float[np.ndarray, "4 4"]]:
-    rows = read_rows(source, name, "blocks of a line of 3 numbers and four of 4")
-    try:
-        values = [[float(word) for word in row] for row in rows]
-        if [len(v) for v in values] != [3, 4, 4, 4, 4] * (len(values) // 5):
-            raise ValueError(f"{len(values)} lines that do not make such blocks")
-        if not all(math.isfinite(head[0]) for head in values[::5]):
-            raise ValueError("a frame's number that is NaN or infinite")
-    except ValueError as error:
+    table = read_poses_of(source, name)
+    if table.kind != "log" or not np.isfinite(table.keys).all():
         raise ScanError(
-            f"{source.path / name}: expected blocks of a line of 3 numbers and four of 4, found "
-            f"{shorten(error)}"
-        ) from error
-    # Blocks of five lines: the frame's number first, then the rows of its pose.
-    return {int(values[i][0]): np.array(values[i + 1 : i + 5]) for i in range(0, len(values), 5)}
+            f"{source.path / name}: expected blocks of a frame's number (a line of 3) and its pose (four of "
+            "4), found others"
+        )
+    return {int(number): pose for number, pose in zip(table.keys, table.poses, strict=True)}
 
 
-def _intrinsics(source: FileSource, name: str) -> tuple[float, ...]:
-    if not name:
+def _parameters(source: FileSource, name: str) -> list[dict[str, Any]]:
+    parameters = read_json(source, name).get("parameters")
+    if not isinstance(parameters, list) or not all(isinstance(one, dict) for one in parameters):
+        raise ScanError(
+            f"{source.path / name}: expected a list `parameters` of objects, found none"
+        )
+    return parameters
+
+
+def _read_json(parameters: list[dict[str, Any]], where: str) -> dict[int, Float[np.ndarray, "4 4"]]:
+    """Extrinsics map world to camera, by column."""
+    poses = {}
+    for i, one in enumerate(parameters):
+        numbers = number_list(one.get("extrinsic"), 16, f"{where}, frame {i}, extrinsic")
+        cam_from_world = numbers.reshape(4, 4, order="F")
+        check_pose(cam_from_world, f"{where}, frame {i}")
+        poses[i] = se3.inverse(cam_from_world)
+    return poses
+
+
+def _intrinsics(source: FileSource, content: _Counted) -> tuple[float, ...]:
+    """Of the file of intrinsics, else of the first frame of a trajectory as JSON, else the default."""
+    name = content.intrinsics_name
+    if not name and not content.parameters:
         return PRIMESENSE
     where = str(source.path / name)
-    matrix = number_list(
-        read_json(source, name).get("intrinsic_matrix"), 9, f"{where}, intrinsic_matrix"
-    ).reshape(3, 3, order="F")
+    found = read_json(source, name) if name else content.parameters[0].get("intrinsic")
+    stored = found.get("intrinsic_matrix") if isinstance(found, dict) else None
+    matrix = number_list(stored, 9, f"{where}, intrinsic_matrix").reshape(3, 3, order="F")
     return (matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2])
 
 
@@ -200,22 +265,22 @@ REDWOOD = FolderLayout(
     SCAN/color/, image/ or rgb/    colour, sorted by name
     SCAN/depth/                    16-bit, millimetres
     SCAN/trajectory.log            blocks `i i i+1` and a 4x4 world_from_cam, OpenCV camera axes; also
-                                   scene/trajectory.log or SCAN.log beside the folder's images
+                                   scene/trajectory.log; or trajectory.json, Open3D's camera parameters
     SCAN/camera_intrinsic.json     Open3D's (optional; intrinsic.json too); else PrimeSense's defaults
 
 The first number of a block counts the frame among the images, from 0. Where names of colour and
 depth hold times (`000123-000004100.png`), depth belongs to colour by number, not by time.
 """,
-    expects="trajectory.log (or scene/trajectory.log) with folders color/ (image/, rgb/) and depth/",
+    expects="trajectory.log (.json; in scene/ too) with folders color/ (image/, rgb/) and depth/",
     checked=(
         "a real trajectory.log of Open3D's tests (211 poses)",
         "blocks and numbers; Open3D reads what `export --to open3d` writes",
     ),
     told_by=("|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/", "|".join(LOGS)),
-    parts=(LOGS[0], "color/", "depth/"),
+    parts=(LOGS[0], "|".join(f"{name}/" for name in COLOR_FOLDERS), "depth/"),
     frames=_counted_frames,
     lens=lambda found: pinhole_lens(
-        _intrinsics(found.source, found.content.intrinsics_name),
+        _intrinsics(found.source, found.content),
         str(found.source.path / found.content.intrinsics_name),
     ),
     write=_write,

@@ -8,12 +8,16 @@ from planfit.scan.layout import FolderLayout, Listing
 from planfit.scan.pairing import FileAFrame, SharedLens, TextPoses
 from planfit.scan.poses import check_pose
 from planfit.scan.source import FileSource
-from planfit.scan.tables import Names, read_matrix
+from planfit.scan.tables import Names, has_part, read_matrix
 
 COLOR, DEPTH = (
-    SharedLens(f"intrinsic/intrinsic_{kind}.txt", "a 4x4 matrix of intrinsics")
+    SharedLens(
+        f"intrinsic/intrinsic_{kind}.txt|intrinsics_{kind}.txt|intrinsic_{kind}.txt",
+        "a 4x4 matrix of intrinsics",
+    )
     for kind in ("color", "depth")
 )
+"""In the folder of SensReader, as scannet_frames_25k calls them, or beside the folders."""
 EXTRINSICS = ("intrinsic/extrinsic_color.txt", "intrinsic/extrinsic_depth.txt")
 NUMBERED_POSES = TextPoses("{}.txt")
 """As SensReader writes poses."""
@@ -45,10 +49,10 @@ def _color_from_depth(listing: Listing[dict[str, None]]) -> Float[np.ndarray, "4
     source = listing.source
     color, depth = (_extrinsics(source, name) for name in EXTRINSICS)
     color_from_depth = check_extrinsics(color, depth, str(source.path / EXTRINSICS[0]))
-    if color_from_depth is not None and not source.exists(DEPTH.name):
+    if color_from_depth is not None and not has_part(source, DEPTH.name):
         raise ScanError(
-            f"{source.path / DEPTH.name}: expected intrinsics of the depth camera, which stands beside the "
-            f"colour camera by {EXTRINSICS[1]}, found none"
+            f"{source.path / DEPTH.file(source)}: expected intrinsics of the depth camera, which stands "
+            f"beside the colour camera by {EXTRINSICS[1]}, found none"
         )
     return color_from_depth
 
@@ -68,20 +72,22 @@ SCANNET = FolderLayout(
     SCAN/color/N.jpg, depth/N.png, pose/N.txt       depth 16-bit millimetres; poses world_from_cam, OpenCV,
                                                     all minus infinity where tracking was lost
     SCAN/intrinsic/intrinsic_color.txt, intrinsic_depth.txt     4x4, of each camera
+    SCAN/intrinsics_color.txt, intrinsics_depth.txt     in their place: scannet_frames_25k, which has every
+                                                    hundredth frame; also intrinsic_color.txt
     SCAN/intrinsic/extrinsic_color.txt, extrinsic_depth.txt     4x4, the identity in ScanNet (optional)
 
 Colour (1296 x 968) and depth (640 x 480) have intrinsics of their own. Scans that were not calibrated have an
 extrinsic_depth, which maps points of the depth camera to the colour camera's axes, as ScanNet's own
 calibrator uses it: depth is then registered to colour, of which the poses are.
 """,
-    expects="intrinsic/intrinsic_color.txt with folders color/, depth/, pose/",
+    expects="intrinsic/intrinsic_color.txt (or intrinsics_color.txt) with folders color/, depth/, pose/",
     checked=(
         "SensReader's exports as six programs write them, and ScanNet's own calibrator "
         "(calibration of .sens files). No real file",
         "names, lost poses, what extrinsic_depth maps to what",
     ),
     told_by=(COLOR.name, "color/", "depth/", "pose/"),
-    parts=(COLOR.name, "color/", "depth/", "pose/"),
+    parts=(COLOR.name.split("|")[0], "color/", "depth/", "pose/"),
     frames=FileAFrame(
         color=Names("color/{}.jpg", "color/{}.*"),
         depth=Names("depth/{}.png"),
@@ -90,7 +96,7 @@ calibrator uses it: depth is then registered to colour, of which the poses are.
         tables=(COLOR.name, DEPTH.name),
     ),
     lens=COLOR,
-    depth_lens=lambda found: DEPTH(found) if found.source.exists(DEPTH.name) else None,
+    depth_lens=lambda found: DEPTH(found) if has_part(found.source, DEPTH.name) else None,
     color_from_depth=_color_from_depth,
     write=NUMBERED_POSES.write,
 )

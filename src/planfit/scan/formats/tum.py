@@ -1,21 +1,26 @@
 """The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
-from planfit.scan.pose_files import PoseTable, parse_poses, read_poses
+from planfit.scan.pose_files import PoseTable, read_poses, read_poses_of
 from planfit.scan.poses import pair_times, poses_at, write_tum
 from planfit.scan.recording import Frame, Size
-from planfit.scan.source import FileSource, read_text
-from planfit.scan.tables import read_matrix, read_rows, shorten
+from planfit.scan.source import FileSource
+from planfit.scan.tables import first_of, read_matrix, read_rows, shorten
 from planfit.scan.types import ScanOptions
 
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
+OTHER_POSES = ("CameraTrajectory.txt", ".gt.freiburg")
+"""Ends of the names of ORB-SLAM's and of ICL-NUIM's."""
+PAIRS = tuple(f"{name}.txt" for name in ("associations", "association", "associated", "associate"))
+"""Lists of colour and depth, or depth and colour, of one moment."""
 NO_COLOR = "no rgb.txt: the scan is taken as depth alone; add it where there are colour images"
 
 PUBLISHED: dict[str, tuple[float, ...]] = {
@@ -24,17 +29,18 @@ PUBLISHED: dict[str, tuple[float, ...]] = {
     "freiburg3": (535.4, 539.2, 320.1, 247.6),
 }
 """fx fy cx cy k1 k2 p1 p2 k3 of the benchmark's three cameras; the images of the third are undistorted."""
+ICL_NUIM = (481.2, 480.0, 319.5, 239.5)
 DEFAULT = (525.0, 525.0, 319.5, 239.5)
 
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ...]]:
     """Frames, and intrinsics and distortion of all of them."""
-    depth_times, depth_names = _list(source, "depth.txt")
-    has_color = source.exists("rgb.txt")
-    color_times, color_names = _list(source, "rgb.txt") if has_color else (depth_times, depth_names)
-    table = _poses(source, options)
     gap = options.max_time_gap_s
-    mine, depth = pair_times(color_times, depth_times, gap)
+    lists = _paired(source) or _listed(source, gap)
+    has_color, mine, depth = lists.has_color, lists.mine, lists.depth
+    color_times, color_names = lists.color_times, lists.color_names
+    depth_times, depth_names = lists.depth_times, lists.depth_names
+    poses_name, table = _poses(source, options)
     poses, known = poses_at(table.keys, table.poses, color_times[mine], gap)
     skipped = [
         f"frame {color_names[i]}: no depth within {gap:g} s"
@@ -62,13 +68,12 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ..
         if ok
     ]
     intrinsics, warning = _intrinsics(source)
-    listed = [("rgb.txt", has_color), ("depth.txt", True)]
-    listed += [(name, source.exists(name)) for name in (POSES, CALIBRATION)]
+    tables = [n for n in (*lists.tables, poses_name, CALIBRATION) if source.exists(n)]
     return Listing(
         source,
         frames,
         intrinsics,
-        [name for name, is_there in listed if is_there],
+        tables,
         skipped,
         [*warning, *([] if has_color else [NO_COLOR])],
     )
@@ -79,10 +84,55 @@ def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
     return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
 
-def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
-    """The poses beside the images; where there are none, those of the tracker that the options name."""
-    if source.exists(POSES):
-        return parse_poses(read_text(source, POSES), source.path / POSES)
+@dataclass(frozen=True)
+class _Lists:
+    """Colour and depth with times (s), and which of them belong together."""
+
+    tables: tuple[str, ...]
+    has_color: bool
+    color_times: Float[np.ndarray, " n"]
+    color_names: list[str]
+    depth_times: Float[np.ndarray, " m"]
+    depth_names: list[str]
+    mine: Int[np.ndarray, " k"]
+    depth: Int[np.ndarray, " k"]
+
+
+def _listed(source: FileSource, max_gap_s: float) -> _Lists:
+    """As rgb.txt and depth.txt list images, paired by time."""
+    depth_times, depth_names = read_list(source, "depth.txt")
+    has_color = source.exists("rgb.txt")
+    color = read_list(source, "rgb.txt") if has_color else (depth_times, depth_names)
+    mine, depth = pair_times(color[0], depth_times, max_gap_s)
+    tables = ("rgb.txt", "depth.txt") if has_color else ("depth.txt",)
+    return _Lists(tables, has_color, *color, depth_times, depth_names, mine, depth)
+
+
+def _paired(source: FileSource) -> _Lists | None:
+    """As a list of pairs has them; None where there is none, or the two lists of the benchmark are there."""
+    name = first_of(source, PAIRS)
+    if not source.exists(name) or (source.exists("rgb.txt") and source.exists("depth.txt")):
+        return None
+    rows = read_rows(source, name, "lines `time colour time depth`")
+    firsts = _times_and_names(source, name, rows, 0)
+    seconds = _times_and_names(source, name, rows, 2)
+    n_depth = [sum("depth" in one.lower() for one in names) for _, names in (firsts, seconds)]
+    color, depth = (seconds, firsts) if n_depth[0] > n_depth[1] else (firsts, seconds)
+    order = np.argsort(color[0], kind="stable")
+    return _Lists((name,), True, *color, *depth, order, order)
+
+
+def _pose_file(source: FileSource) -> str:
+    """Poses beside the images, by name; those of the benchmark where there are several."""
+    ends = (POSES, *OTHER_POSES)
+    return next((name for end in ends for name in source.names() if name.endswith(end)), "")
+
+
+def _poses(source: FileSource, options: ScanOptions) -> tuple[str, PoseTable]:
+    """The poses beside the images, and their file; where there are none, those of the tracker that the
+    options name."""
+    if name := _pose_file(source):
+        return name, read_poses_of(source, name)
     if options.poses is None:
         raise ScanError(
             f"{source.path}: expected poses in {POSES}, found none; give those of a tracker with --poses FILE"
@@ -93,28 +143,41 @@ def _poses(source: FileSource, options: ScanOptions) -> PoseTable:
             f"{options.poses}: expected poses with times, as {source.path} has no {POSES}, found none with "
             "times; export them as TUM"
         )
-    return table
+    return "", table
 
 
 def _write(refined: Refined[tuple[float, ...]]) -> None:
     times = np.array([frame.time for frame in refined.frames])
-    write_tum(refined.directory / POSES, times, refined.poses)
+    write_tum(refined.directory / (_pose_file(refined.source) or POSES), times, refined.poses)
 
 
-def _list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
-    """Times and names of images, in the order of their times."""
+def read_list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
+    """Times (s) and names of images, in the order of their times.
+
+    Raises:
+        ScanError: lines are of another form.
+    """
     rows = read_rows(source, name, "lines `time filename`")
+    times, names = _times_and_names(source, name, rows, 0)
+    order = np.argsort(times, kind="stable")
+    return times[order], [names[i] for i in order]
+
+
+def _times_and_names(
+    source: FileSource, name: str, rows: list[list[str]], column: int
+) -> tuple[Float[np.ndarray, " n"], list[str]]:
+    """Two columns of a list."""
     try:
-        times = np.array([float(row[0]) for row in rows])
-        names = [row[1] for row in rows]
+        times = np.array([float(row[column]) for row in rows])
+        names = [row[column + 1] for row in rows]
         if not np.isfinite(times).all():
             raise ValueError(" ".join(rows[int(np.argmin(np.isfinite(times)))]))
     except (ValueError, IndexError) as error:
+        pairs = " time filename" if name in PAIRS else ""
         raise ScanError(
-            f"{source.path / name}: expected lines `time filename`, found another ({shorten(error)})"
+            f"{source.path / name}: expected lines `time filename{pairs}`, found another ({shorten(error)})"
         ) from error
-    order = np.argsort(times, kind="stable")
-    return times[order], [names[i] for i in order]
+    return times, names
 
 
 def _intrinsics(source: FileSource) -> tuple[tuple[float, ...], list[str]]:
@@ -126,6 +189,8 @@ def _intrinsics(source: FileSource) -> tuple[tuple[float, ...], list[str]]:
                 f"{values.size} numbers"
             )
         return tuple(values.tolist()), []
+    if _pose_file(source).endswith(".freiburg"):
+        return ICL_NUIM, [f"no {CALIBRATION}: the intrinsics are those of ICL-NUIM"]
     folder = str(source.path.resolve()).lower()
     for camera, values in PUBLISHED.items():
         if camera in folder or f"fr{camera[-1]}_" in source.path.name.lower():
@@ -142,22 +207,26 @@ TUM = FolderLayout(
 The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system.
 
     SCAN/rgb.txt, depth.txt     `time filename`; without rgb.txt the scan is depth alone
+    SCAN/associations.txt       in their place: `time rgb time depth`, or depth first, which names of folders
+                                tell (ORB-SLAM, ICL-NUIM; also association, associated, associate.txt)
     SCAN/groundtruth.txt        `time tx ty tz qx qy qz qw`, world_from_cam, OpenCV camera axes; without it,
-                                --poses FILE, a tracker's
+                                CameraTrajectory.txt (ORB-SLAM), NAME.gt.freiburg (ICL-NUIM), or --poses FILE,
+                                a tracker's
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
 file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
-which, else its default of the driver.
+which, or ICL-NUIM's, else its default of the driver. ICL-NUIM's poses are taken as they are, though others
+found them mirrored in y (InfiniTAM's issue 65): the images will contradict them then, which is told.
 """,
-    expects="rgb.txt, depth.txt and groundtruth.txt (depth alone without rgb.txt)",
+    expects="rgb.txt, depth.txt (or associations.txt) and groundtruth.txt (depth alone without rgb.txt)",
     checked=(
         "real ground truth of fr2_desk and a trajectory of ORB-SLAM "
         "(github.com/MichaelGrupp/evo, test/data)",
         "columns and comments of trajectories",
     ),
     # Without rgb.txt it is depth alone, and a recording of one's own may have a tracker's poses elsewhere.
-    told_by=("depth.txt", f"{POSES}|rgb.txt"),
+    told_by=("|".join(("depth.txt", *PAIRS)), "|".join((POSES, "rgb.txt", *PAIRS))),
     parts=("rgb.txt", "depth.txt", POSES),
     frames=_frames,
     metres_per_unit=1 / 5000,

@@ -2,6 +2,7 @@
 
 import io
 import math
+import re
 import struct
 from pathlib import Path
 
@@ -14,6 +15,10 @@ from planfit.compiled import kernel
 from planfit.errors import ScanError
 from planfit.scan.tables import shorten
 
+N_DEPTH_FRAMES = 9
+"""So many frames tell the unit of a scan's depth."""
+USUAL_DEPTH_M = (0.2, 20.0)
+"""The middle of what a depth camera sees in a building lies between these."""
 MAX_PIXELS = 100_000_000
 """No depth camera has more; a damaged header may claim anything."""
 _PNG = b"\x89PNG\r\n\x1a\n"
@@ -72,7 +77,8 @@ def decode_color(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
 def decode_depth(
     data: bytes, metres_per_unit: float, path: Path, metres_per_float: float = 1.0
 ) -> Float[np.ndarray, "h w"]:
-    """The bytes of a 16-bit depth image, or of a `.npy` array, to float32 m, NaN where nothing was measured.
+    """The bytes of a depth image of 16-bit or floating-point numbers (TIFF), or of a `.npy` array, to float32
+    m, NaN where nothing was measured.
 
     Args:
         data: of the file.
@@ -89,11 +95,30 @@ def decode_depth(
         except (ValueError, OSError, EOFError) as error:
             raise ScanError(f"{path}: expected an array of depth, found {error}") from error
         raw = raw.squeeze()
-        if raw.ndim == 2 and raw.dtype.kind == "f":
-            return depth_from_metres(raw * metres_per_float)
+    elif path.suffix.lower() == ".bin":
+        raw = read_dense_map(data, path)
     else:
         raw = decode_image(data, path, cv2.IMREAD_UNCHANGED)
+    if raw.ndim == 2 and raw.dtype.kind == "f":
+        return depth_from_metres(raw * metres_per_float)
     return depth_from_raw(raw, metres_per_unit, path)
+
+
+def read_dense_map(data: bytes, path: Path) -> Float[np.ndarray, "h w"]:
+    """Depth as COLMAP's patch_match_stereo writes it: `width&height&1&`, then float32 by row.
+
+    Raises:
+        ScanError: it is none.
+    """
+    head = re.match(rb"(\d{1,6})&(\d{1,6})&1&", data)
+    width, height = (int(number) for number in head.groups()) if head else (0, 0)
+    begin = head.end() if head else 0
+    if not width * height or len(data) - begin != 4 * width * height:
+        raise ScanError(
+            f"{path}: expected depth as COLMAP writes it (width&height&1& and as many numbers), found other "
+            "bytes; copy it again from the source"
+        )
+    return np.frombuffer(data, "<f4", width * height, begin).reshape(height, width)
 
 
 def depth_from_raw(raw: np.ndarray, metres_per_unit: float, path: Path) -> Float[np.ndarray, "h w"]:

@@ -115,12 +115,14 @@ def whole_image_size(source: FileSource, name: str) -> Size:
         ScanError: it does not.
     """
     path = source.path / name
-    if name.lower().endswith(".npy"):
+    if name.lower().endswith((".npy", ".bin")):
         height, width = decode_depth(source.read(name), 1.0, path).shape
         return width, height
     head, tail = source.ends(name)
     if path.suffix.lower() == ".exr":
         return exr_size(head, path)
+    if path.suffix.lower() in (".tif", ".tiff"):
+        return header_size(source.read(name), path)  # what a header says may stand at the end
     try:
         size = header_size(head, path)
     except ScanError:

@@ -2,12 +2,12 @@
 
 LAS tells times as seconds of the GPS week, or as GPS seconds less a billion; E57 as seconds since a scan's
 start. Trajectories have any of these, GPS seconds in full, Unix time, or a clock of the device, which many
-programs write into the cloud too, whatever its header says. The relation is found where one alone fits, and
-refused else.
+programs write into the cloud too, whatever its header says; and some write milliseconds to nanoseconds where
+seconds belong. The relation is found where one alone fits, and refused else.
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.errors import ScanError
-from planfit.scan.laser.trajectory import Trajectory
+from planfit.scan.laser.trajectory import CLOCK_UNITS, Trajectory
 
 Move = Callable[[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]], Float[np.ndarray, "n 3"]]
 """Points (m, in the file's axes) and their times (s, as the file has them) to where they belong."""
@@ -31,6 +31,8 @@ LEAP_S = 18.0
 """GPS time is ahead of UTC by this since 2017."""
 MIN_INSIDE = 0.9
 """Share of a cloud's times that its trajectory has to cover."""
+MIN_SPAN_SHARE = CLOCK_UNITS[1] ** 0.5
+"""Of the time of its trajectory: a cloud of less may be of the next unit."""
 SAME_OFFSET_S = 1e-3
 SAME_SHARE = 0.002
 """Relations that cover shares of the cloud that differ by less fit alike."""
@@ -108,11 +110,18 @@ class CloudFile(Protocol):
 
 @dataclass(frozen=True)
 class ClockRelation:
-    """Seconds to add to a cloud's times for those of its trajectory, and why."""
+    """From a cloud's times to those of its trajectory, and why."""
 
     offset_s: float
+    """Seconds to add."""
     words: str
     """Empty where both clocks are the same."""
+    seconds_per_unit: float = 1.0
+    """Of the cloud's times, before the offset."""
+
+    def of(self, cloud_times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Times (s) of the trajectory's clock."""
+        return cloud_times * self.seconds_per_unit + self.offset_s
 
 
 def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | None) -> ClockRelation:
@@ -121,34 +130,53 @@ def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | Non
     Raises:
         ScanError: none does, or several do.
     """
-    times = file.sample_times()
-    if offset_s is not None:
-        if _share_inside(times + offset_s, trajectory) < MIN_INSIDE:
-            raise _unrelated(file, trajectory, times, f"with {offset_s:g} s added, ")
-        return ClockRelation(
-            offset_s, f"{offset_s:g} s were added to the cloud's times, as was asked for"
-        )
-    if len(times) > 1 and np.ptp(times) == 0.0:
+    stored = file.sample_times()
+    if len(stored) > 1 and np.ptp(stored) == 0.0:
         raise ScanError(
-            f"{file.path}: expected points with times of their own, found {times[0]:.9g} s for all; export "
+            f"{file.path}: expected points with times of their own, found {stored[0]:.9g} s for all; export "
             "the cloud with GPS times"
         )
+    span_s = np.ptp(trajectory.times)
+    for seconds_per_unit in CLOCK_UNITS:
+        times = stored * seconds_per_unit
+        # In too large a unit all times are one, inside of anything.
+        if seconds_per_unit != 1 and len(times) and np.ptp(times) < MIN_SPAN_SHARE * span_s:
+            continue
+        fitting = _fitting(file, times, trajectory, offset_s)
+        if len(fitting) > 1:
+            found = " or ".join(
+                f"{f.words or 'the same clock'} ({f.offset_s:+.0f} s)" for f in fitting
+            )
+            raise ScanError(
+                f"{file.path}: expected one way to relate its times to those of {trajectory.path.name}, "
+                f"found several that fit: {found}; say which with --cloud-time-offset-s"
+            )
+        if fitting:
+            return replace(fitting[0], seconds_per_unit=seconds_per_unit)
+    raise _unrelated(
+        file, trajectory, stored, "" if offset_s is None else f"with {offset_s:g} s added, "
+    )
+
+
+def _fitting(
+    file: CloudFile,
+    times: Float[np.ndarray, " n"],
+    trajectory: Trajectory,
+    offset_s: float | None,
+) -> list[ClockRelation]:
+    """Relations that put times, which are seconds, inside those of the trajectory."""
+    if offset_s is not None:
+        asked = ClockRelation(
+            offset_s, f"{offset_s:g} s were added to the cloud's times, as was asked for"
+        )
+        return [asked] if _share_inside(times + offset_s, trajectory) >= MIN_INSIDE else []
     shares: list[tuple[ClockRelation, float]] = []
     for relation in _candidates(file.clock, times, trajectory):
         if all(abs(relation.offset_s - other.offset_s) > SAME_OFFSET_S for other, _ in shares):
-            shares.append((relation, _share_inside(times + relation.offset_s, trajectory)))
+            shares.append((relation, _share_inside(relation.of(times), trajectory)))
     # Leap seconds shift a cloud by little; but a trajectory begins and ends as its cloud does.
     least = max(MIN_INSIDE, max((share for _, share in shares), default=0.0) - SAME_SHARE)
-    fitting = [relation for relation, share in shares if share >= least]
-    if not fitting:
-        raise _unrelated(file, trajectory, times, "")
-    if len(fitting) > 1:
-        found = " or ".join(f"{f.words or 'the same clock'} ({f.offset_s:+.0f} s)" for f in fitting)
-        raise ScanError(
-            f"{file.path}: expected one way to relate its times to those of {trajectory.path.name}, found "
-            f"several that fit: {found}; say which with --cloud-time-offset-s"
-        )
-    return fitting[0]
+    return [relation for relation, share in shares if share >= least]
 
 
 def _candidates(
@@ -201,6 +229,7 @@ def _unrelated(file: CloudFile, trajectory: Trajectory, times: np.ndarray, how: 
     return ScanError(
         f"{file.path}: expected points at times of {trajectory.path.name} "
         f"({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s), found {how}{span} s "
-        f"({file.clock.words}), and no usual relation between the clocks (GPS week, GPS seconds, Unix time) "
-        "joins them; are they of one recording? Else say what to add with --cloud-time-offset-s"
+        f"({file.clock.words}), and no usual relation between the clocks (GPS week, GPS seconds, Unix time; "
+        "seconds to nanoseconds) joins them; are they of one recording? Else say what to add with "
+        "--cloud-time-offset-s"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, Float32, Int
 
 from planfit.errors import ScanError
-from planfit.scan.laser.cloud import CloudFile
+from planfit.scan.laser.cloud import ClockRelation, CloudFile
 from planfit.scan.laser.trajectory import Trajectory
 
 FAR_M = 40.0
@@ -51,14 +51,14 @@ class Instants:
 
 
 def cut(
-    file: CloudFile, trajectory: Trajectory, clock_offset_s: float, duration_s: float
+    file: CloudFile, trajectory: Trajectory, clock: ClockRelation, duration_s: float
 ) -> Instants:
     """Read a cloud once, and keep its points by instants.
 
     Args:
         file: the cloud.
         trajectory: in the axes of the cloud, less `metres_away`.
-        clock_offset_s: to add to times of the cloud for those of the trajectory.
+        clock: from times of the cloud to those of the trajectory.
         duration_s: of an instant.
 
     Raises:
@@ -79,7 +79,7 @@ def cut(
     for piece in file.pieces():
         # A damaged file has numbers of any size, and NaN.
         with np.errstate(invalid="ignore", over="ignore"):
-            times = piece.times + clock_offset_s
+            times = clock.of(piece.times)
             of = np.floor((times - start_s) / duration_s)
             has_pose = np.isfinite(of) & (of >= 0) & (of < n)
             of = np.where(has_pose, of, 0).astype(np.int64)

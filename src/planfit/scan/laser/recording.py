@@ -10,12 +10,19 @@ from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.priors import FRAME_RATE_HZ, STEP_AT_VIDEO_RATE_M
+from planfit.scan.formats import whole_files
 from planfit.scan.images.lens import Lens
-from planfit.scan.laser.cloud import ClockRelation, CloudFile, relate_clocks
+from planfit.scan.laser.cloud import CHUNK_POINTS, ClockRelation, CloudFile, relate_clocks
 from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces, find_up
 from planfit.scan.laser.instants import Instants, cut
 from planfit.scan.laser.kernels import move_by_time
-from planfit.scan.laser.trajectory import Trajectory, read_trajectory
+from planfit.scan.laser.trajectory import (
+    Trajectory,
+    clock_unit,
+    in_order,
+    read_trajectory,
+)
 from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.types import ScanOptions
@@ -46,11 +53,11 @@ class Correction:
         self,
         xyz: Float[np.ndarray, "n 3"],
         cloud_times: Float[np.ndarray, " n"],
-        clock_offset_s: float,
+        clock: ClockRelation,
     ) -> Float[np.ndarray, "n 3"]:
-        """Points (m, axes of the cloud) seen at times (s) of a clock that `clock_offset_s` lacks."""
+        """Points (m, axes of the cloud) seen at times as the file has them, of a clock of its own."""
         with np.errstate(invalid="ignore", over="ignore"):  # a point may have no time
-            times = cloud_times + clock_offset_s
+            times = clock.of(cloud_times)
         before, share = self._between(times)
         rotations = np.ascontiguousarray(self.refined_from_recorded[:, :3, :3])
         centres, to_centres = self._centres(times, before, share)
@@ -138,7 +145,9 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
     path = file.path
     if options.poses is None:
         beside = sorted(
-            p.name for p in path.parent.glob("*") if p.suffix in (".txt", ".csv", ".traj")
+            p.name
+            for p in path.parent.glob("*")
+            if p.suffix in (".txt", ".csv", ".traj", ".las", ".laz") and p != path
         )
         hint = f"; beside it are {', '.join(beside[:3])}" if beside else ""
         raise ScanError(
@@ -147,11 +156,12 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
         )
     if file.n_points == 0:
         raise ScanError(f"{path}: expected a cloud, found no points; export it again")
-    recorded = read_trajectory(options.poses)
+    path_file = _cloud_of_path(options.poses)
+    recorded = _path_of_cloud(path_file) if path_file else read_trajectory(options.poses)
     clock = relate_clocks(file, recorded, options.cloud_time_offset_s)
     middle = np.median(recorded.world_from_scanner[:, :3, 3], axis=0)
     trajectory = recorded.moved(np.rint(middle / KILOMETRE_M) * KILOMETRE_M)
-    instants = cut(file, trajectory, clock.offset_s, options.instant_s)
+    instants = cut(file, trajectory, clock, options.instant_s)
     poses, _ = trajectory.at(instants.times, 1e9)
     level_from_world, told = find_up(instants.centres, options.cloud_up)
     faces = choose_faces(instants, poses, level_from_world)
@@ -162,14 +172,19 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
         target: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"], is_world: bool
     ) -> None:
         correction = _correction(written, refined, trajectory, is_world)
-        move = partial(correction.move, clock_offset_s=clock.offset_s)
+        move = partial(correction.move, clock=clock)
         file.write_moved(target, move, to_other_axes=not is_world)
 
     def write_poses(
         directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
     ) -> None:
         correction = _correction(written, refined, trajectory, is_world=True)
-        trajectory.write(directory / recorded.path.name, correction.poses())
+        target = directory / recorded.path.name
+        if path_file:  # its points are the scanner, which moves with what it saw
+            own_clock = ClockRelation(0.0, "", recorded.seconds_per_unit)
+            path_file.write_moved(target, partial(correction.move, clock=own_clock))
+        else:
+            trajectory.write(target, correction.poses())
         write_cloud(directory / path.name, written, refined, True)
 
     sources = [(FolderSource(p.parent), p.name) for p in (path, options.poses)]
@@ -183,6 +198,41 @@ def laser_recording(file: CloudFile, options: ScanOptions) -> Recording:
         write_cloud=write_cloud,
         fingerprint="-".join(fingerprint(source, [name], options) for source, name in sources),
         warnings=[*_warnings(instants, clock, trajectory), *told, *recorded.warnings],
+    )
+
+
+def _cloud_of_path(path: Path) -> CloudFile | None:
+    """The file of a trajectory that is a cloud itself, a point a pose, as programs of scanners export it."""
+    for one in whole_files().values():
+        if one.takes_poses and one.claims(path):
+            return one.open(path)
+    return None
+
+
+def _path_of_cloud(file: CloudFile) -> Trajectory:
+    """The path of a scanner whose places are points.
+
+    Raises:
+        ScanError: they are those of a cloud, not of a path.
+    """
+    pieces = list(file.pieces()) if file.n_points <= CHUNK_POINTS else []
+    times = np.concatenate([np.zeros(0), *(p.times[p.is_valid] for p in pieces)])
+    places = np.concatenate([np.zeros((0, 3)), *(p.xyz[p.is_valid] for p in pieces)])
+    if len(times) < 2:
+        raise _no_path(file)
+    poses = se3.make_transform(np.eye(3), places)
+    found = in_order(file.path, times, poses, ("time", "x", "y", "z"))
+    steps_m = np.linalg.norm(np.diff(found.world_from_scanner[:, :3, 3], axis=0), axis=1)
+    fastest_m_s = STEP_AT_VIDEO_RATE_M.value * FRAME_RATE_HZ.value
+    if steps_m.sum() > fastest_m_s * np.ptp(found.times):
+        raise _no_path(file)
+    return found
+
+
+def _no_path(file: CloudFile) -> ScanError:
+    return ScanError(
+        f"{file.path}: expected the path of the scanner, found {file.n_points:,} points of a cloud itself; "
+        "give the trajectory that was exported with it"
     )
 
 
@@ -223,6 +273,8 @@ def _warnings(instants: Instants, clock: ClockRelation, trajectory: Trajectory) 
             f"places of frames are the cloud's less ({named}) m; the trajectory and the cloud are written "
             "with it"
         )
+    if clock.seconds_per_unit != 1:
+        found.append(f"times of the cloud are {clock_unit(clock.seconds_per_unit)}, not seconds")
     if clock.words:
         found.append(
             f"times of the cloud and of its trajectory differ by {clock.offset_s:+.3f} s: {clock.words}"

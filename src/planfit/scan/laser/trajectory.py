@@ -11,6 +11,7 @@ angles can be mistaken; rotations are carried along and written back.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from itertools import islice
@@ -23,12 +24,15 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.poses import MAX_ENTRY, poses_at
-from planfit.scan.tables import shorten
+from planfit.scan.tables import shorten, with_decimal_points
 
 MAX_GAP_S = 0.2
 """A place is known this near to a recorded one, and between two that are five times as far apart."""
-MIN_NS = 1e15
-"""Times above are nanoseconds: as seconds they would be 32 million years and more."""
+CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
+"""Seconds of what clocks count, and programs that multiply twice."""
+_UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
+MIN_SPEED_M_S = 0.005
+"""A scanner that is carried or driven is faster on average, or its clock counts another unit."""
 
 _NAMES = {
     "time": "time t timestamp timestamps gpstime gps_time gps_seconds sec seconds times time_s timestamp_s",
@@ -51,7 +55,7 @@ _QUATERNION = ["qx", "qy", "qz", "qw"]
 TUM = ["time", "x", "y", "z", *_QUATERNION]
 _HEADER_LINES = 40
 _SEPARATORS = re.compile(r"[\s,;]+")
-EXPECTED = "a trajectory as text: lines `time x y z [qx qy qz qw]`, or columns that a header names"
+EXPECTED = "a trajectory: lines `time x y z [qx qy qz qw]`, columns that a header names, or a cloud"
 
 
 @dataclass(frozen=True)
@@ -68,10 +72,12 @@ class Trajectory:
     header: tuple[str, ...]
     """Lines before the first pose."""
     rows: tuple[tuple[str, ...], ...]
-    """Words of each pose."""
+    """Words of each pose; none of a trajectory that is a cloud."""
     separator: str
     metres_away: Float[np.ndarray, "3"]
     """What was taken off positions: they are near the origin then."""
+    seconds_per_unit: float = 1.0
+    """Of times in the file, which do not say their unit."""
 
     @property
     def has_rotation(self) -> bool:
@@ -80,14 +86,19 @@ class Trajectory:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What of the file is not used."""
+        """What of the file is not used, or taken in another unit."""
+        unit = (
+            f"{self.path.name}: times are {clock_unit(self.seconds_per_unit)}, not seconds: as seconds, the "
+            "scanner would hardly move",
+        ) if self.seconds_per_unit != 1 else ()  # fmt: skip
         if "angle" not in self.columns:
-            return ()
+            return unit
         named = ", ".join(
             name for name, c in zip(_header_words(self.header), self.columns, strict=False)
             if c == "angle"
         )  # fmt: skip
         return (
+            *unit,
             f"{self.path.name}: angles ({named}) are not read, as their order differs between programs: only "
             "positions are taken, and angles are left out of the refined trajectory",
         )
@@ -149,7 +160,7 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
     Raises:
         ScanError: it is of another form, or leaves open what its columns mean.
     """
-    header, rows, separator = _split(text)
+    header, rows, separator = _split(with_decimal_points(text, path))
     if not rows:
         raise ScanError(f"{path}: expected {EXPECTED}, found no line of numbers")
     if len(rows) > 2 and len(rows[-1]) < len(rows[0]):
@@ -170,20 +181,54 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
             f"{path}: expected a trajectory, found {len(values)} poses with finite numbers"
         )
     named = {c: values[:, i] for i, c in enumerate(columns) if c}
-    times = named["time"] if "time" in named else named["time_ns"]
-    if "time_ns" in named or np.median(np.abs(times)) > MIN_NS:
-        times = times / 1e9
+    poses = _poses(path, named)
+    times = named["time"] if "time" in named else named["time_ns"] / 1e9
+    return in_order(path, times, poses, tuple(columns), tuple(header), rows, separator)
+
+
+def in_order(
+    path: Path,
+    times: Float[np.ndarray, " n"],
+    poses: Float[np.ndarray, "n 4 4"],
+    columns: tuple[str, ...],
+    header: tuple[str, ...] = (),
+    rows: Sequence[tuple[str, ...]] = (),
+    separator: str = " ",
+) -> Trajectory:
+    """Poses in the order of their times, as seconds.
+
+    Raises:
+        ScanError: times do not go on, or places are nowhere.
+    """
+    seconds_per_unit = seconds_of_unit(times, poses)
     order = np.argsort(times, kind="stable")
-    poses = _poses(path, named)[order]
-    if np.abs(poses[:, :3, 3]).max() >= MAX_ENTRY or not times[order][-1] > times[order][0]:
+    times, poses = times[order] * seconds_per_unit, poses[order]
+    if np.abs(poses[:, :3, 3]).max() >= MAX_ENTRY or not times[-1] > times[0]:
         raise ScanError(
             f"{path}: expected places in metres at times that go on, found coordinates up to "
             f"{np.abs(poses[:, :3, 3]).max():.4g} over {np.ptp(times):.4g} s"
         )
+    ordered = tuple(rows[i] for i in order) if rows else ()
     return Trajectory(
-        path, times[order], poses, tuple(columns), tuple(header),
-        tuple(rows[i] for i in order), separator, np.zeros(3),
-    )  # fmt: skip
+        path, times, poses, columns, header, ordered, separator, np.zeros(3), seconds_per_unit
+    )
+
+
+def seconds_of_unit(times: Float[np.ndarray, " n"], poses: Float[np.ndarray, "n 4 4"]) -> float:
+    """Seconds of a unit of times that do not say it: 1, unless the scanner would hardly move at that; then
+    that of `CLOCK_UNITS` by which it moves at a metre a second or so."""
+    order = np.argsort(times, kind="stable")
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        length_m = np.linalg.norm(np.diff(poses[order, :3, 3], axis=0), axis=1).sum()
+        speed_m_s = length_m / np.ptp(times)
+    if not 0 < speed_m_s < MIN_SPEED_M_S:
+        return 1.0
+    return min(CLOCK_UNITS, key=lambda unit: abs(np.log(speed_m_s / unit)))
+
+
+def clock_unit(seconds_per_unit: float) -> str:
+    """What a clock counts, in words."""
+    return _UNIT_NAMES.get(seconds_per_unit, f"counts of {seconds_per_unit:g} s")
 
 
 def _read_text(path: Path) -> str:
