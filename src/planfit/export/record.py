@@ -146,8 +146,8 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             for each in verdict.reservations
         ],
         "advice": verdict.advice,
-        "predicted_error_rms_m": evidence.predicted_rms_m,
-        "predicted_error_m": verdict.predicted_error_m.tolist(),
+        "predicted_error_rms_m": finite(evidence.predicted_rms_m),
+        "predicted_error_m": [finite(each) for each in verdict.predicted_error_m.tolist()],
         "frames_without_place": [list(run) for run in evidence.unplaced],
         "worst_predicted_frame": evidence.worst_frame,
         "stretches": [
