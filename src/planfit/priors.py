@@ -267,6 +267,11 @@ SURVEYED_POINT_SIGMA_M = Prior(
     "What a total station with a prism held by hand or a good GNSS fix gives, of points whose file tells "
     "none. Chosen here.",
 )
+MOUNT_ARM_SIGMA_M = Prior(
+    1.0,
+    "Each axis of the arm from the origin of the body whose poses are recorded to the camera: a few "
+    "centimetres in phones and headsets, up to a mast's height over the base of a robot. Chosen here.",
+)
 EYE_HEIGHT_M = Prior(
     1.6, "Eyes of people who stand: 1.53 m of women, 1.63 m of men in the median (DIN 33402-2)."
 )
