@@ -56,6 +56,7 @@ def make_record(
         "corrections": None if result.by_hand is None else _corrections_record(result.by_hand),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
+        "depth_factor": result.depth_unit.factor,
         "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
         "walls": _walls_record(result),
         "registration": registration_record(result.registration),

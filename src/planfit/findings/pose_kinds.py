@@ -37,6 +37,11 @@ class PoseKind(Kind):
         "{metres_per_unit:.3g} m, and poses were multiplied by that",
         "if they are in metres, depth is in the wrong unit: give --depth-scale",
     )
+    DEPTH_UNIT_TAKEN = note(
+        "depth is in another unit than it was read in: the recorded motion is in metres, and depth was "
+        "multiplied by {depth_factor:.4g}, a ratio of units that are in use",
+        "if poses have a unit of their own instead, give it: --poses-convention unit:METRES",
+    )
     CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
     MOUNT_FOUND = note(
         (

@@ -182,7 +182,7 @@ class ConventionFit:
     @property
     def is_clear(self) -> bool:
         """Whether it explains the scan, and clearly better than the one that was asked for."""
-        is_enough = self.n_motions >= MIN_MOTIONS and self.share >= MIN_SHARE
+        is_enough = self.is_told and self.share >= MIN_SHARE
         is_more = self.share >= self.asked_share + MIN_MORE
         return self.name != self.asked and is_enough and is_more and self.log_ratio >= MIN_LOG_RATIO
 
@@ -200,7 +200,12 @@ class ConventionFit:
     @property
     def is_unexplained(self) -> bool:
         """Whether enough was measured, and no convention explains it, as recorded or otherwise."""
-        return self.n_motions >= MIN_MOTIONS and max(self.share, self.asked_share) < MIN_SHARE
+        return self.is_told and max(self.share, self.asked_share) < MIN_SHARE
+
+    @property
+    def is_told(self) -> bool:
+        """Whether enough was measured to tell a convention."""
+        return self.n_motions >= MIN_MOTIONS
 
 
 @dataclass(frozen=True)

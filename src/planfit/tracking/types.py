@@ -88,6 +88,13 @@ class Tracking:
         return unit_of(self.convention)
 
     @property
+    def is_confirmed(self) -> bool:
+        """Whether measured motions explain the recorded ones, and these are in metres."""
+        fit = self.convention_fit
+        is_told = fit is not None and fit.is_told and not fit.is_unexplained
+        return is_told and self.metres_per_unit == 1.0
+
+    @property
     def unplaced(self) -> tuple[tuple[int, int], ...]:
         """First and last frame of each run of frames whose place against most of the walk nothing tells."""
         submap = submaps_of(len(self.world_from_cams), self.open_steps, self.linked)
