@@ -243,7 +243,7 @@ VIEW_DISTANCE_M = Prior(
     "What a camera in a room looks at is about so far away: rooms are 3 to 5 m wide. Turns lengths into "
     "angles. Chosen here.",
 )
-VIEW_DISTANCE_SIGMA_LOG = Prior(
+VIEW_DISTANCE_SIGMA_SHARE = Prior(
     0.6,
     "Of the natural logarithm of the same, as the median depth of a scan: desks at 1 m and halls at 9 m lie "
     "within two of these. Chosen here.",

@@ -15,7 +15,7 @@ from planfit.errors import ScanError
 from planfit.findings import Finding, PoseKind
 from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import SensorCalibration
-from planfit.priors import SURE_SIGMAS, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_LOG
+from planfit.priors import SURE_SIGMAS, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_SHARE
 from planfit.scan import Scan, calibrated_scan, median_depth_m
 from planfit.scan.read import FAR_M, NEAR_M
 from planfit.tracking import Tracking
@@ -105,4 +105,4 @@ def unit_by_motion(scan: Scan, tracking: Tracking) -> DepthUnit:
 def _cost_of_size(median_m: float) -> float:
     """Squared sigmas by which depth departs from that of usual rooms."""
     departure = np.log(median_m / VIEW_DISTANCE_M.value)
-    return float((departure / VIEW_DISTANCE_SIGMA_LOG.value) ** 2)
+    return float((departure / VIEW_DISTANCE_SIGMA_SHARE.value) ** 2)
