@@ -1,17 +1,24 @@
 """Poses in a unit of their own, and depth in a wrong one, through `planfit.refine` as a whole."""
 
+import json
 from dataclasses import dataclass, replace
 
+import numpy as np
 import pytest
 
 import planfit
 from planfit.errors import ScanError
 from planfit.evaluation import position_errors
+from planfit.export.cloud import read_ply_points
 from planfit.findings import PoseKind, ScanKind
 from planfit.geometry import se3
+from planfit.pipeline.depth_unit import DepthUnit, unit_by_motion
 from planfit.scan import ScanFiles
+from planfit.scan.odometry import OdometryOptions
 from planfit.synth import BuildingOptions, CameraOptions, DriftOptions, SynthOptions, WalkOptions
 from planfit.synth import make_scan as synthesise
+from planfit.tracking import believe
+from planfit.tracking.conventions import ConventionFit
 
 FACTOR = 1.5
 """By which something is off."""
@@ -32,21 +39,22 @@ def truth():
 
 @dataclass(frozen=True)
 class LongDepth:
-    """Images whose depth is too long."""
+    """Images whose depth is too long, or too short."""
 
     files: ScanFiles
+    factor: float = FACTOR
 
     def color(self, i):
         return self.files.color(i)
 
     def depth(self, i):
-        return FACTOR * self.files.depth(i)
+        return self.factor * self.files.depth(i)
 
     def labels(self, i):
         return self.files.labels(i)
 
     def write_poses(self, directory, world_from_cams, frame_idx=None):
-        raise NotImplementedError
+        self.files.write_poses(directory, world_from_cams, frame_idx)
 
 
 def with_long_poses(scan):
@@ -73,3 +81,98 @@ def test_depth_that_motion_and_plan_find_too_long_is_named(truth):
     scan = replace(truth.scan, files=LongDepth(truth.scan.files))
     with pytest.raises(ScanError, match=r"scan's depth: .* give --depth-scale .* 0\.6\d+ times"):
         planfit.refine(scan, truth.floorplan)
+
+
+@pytest.mark.slow
+def test_depth_in_millimetres_that_was_read_as_fifths_is_put_right(truth, tmp_path):
+    """RealSense recorders write lists in the form of TUM with depth in mm: metric poses were shrunk."""
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.2))
+    right = planfit.refine(truth.scan, None)
+    found = planfit.refine(scan, None)
+    assert found.depth_unit == DepthUnit(5.0)
+    assert any(each.kind is PoseKind.DEPTH_UNIT_TAKEN for each in found.findings)
+    assert found.tracking is not None
+    assert found.tracking.metres_per_unit == 1.0
+    rigid = [
+        position_errors(each.world_from_cams, truth.true_world_from_cams).aligned_rms_m
+        for each in (found, right)
+    ]
+    assert rigid[0] < rigid[1] + 0.002
+    # The cloud of its folder is in metres, too.
+    sizes = []
+    for result in (right, found):
+        result.save(tmp_path / str(len(sizes)))
+        record = json.loads((tmp_path / str(len(sizes)) / "run.json").read_text())
+        sizes.append((record["depth_factor"], record["metrics"]))
+    assert [each[0] for each in sizes] == [1.0, 5.0]
+    clouds = [read_ply_points(tmp_path / str(k) / "cloud_after.ply", 10**6) for k in range(2)]
+    assert np.ptp(clouds[1], axis=0) == pytest.approx(np.ptp(clouds[0], axis=0), abs=0.1)
+
+
+@pytest.mark.slow
+def test_arrays_of_millimetres_are_tried_as_such(truth):
+    """Nothing at 2,000 m is looked at, so no motion tells: sizes say what to try, and motions confirm it."""
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 1000.0))
+    seen = planfit.extract_observations(scan)
+    assert seen.depth_unit == DepthUnit(0.001)
+    assert seen.tracking is not None
+    assert seen.tracking.is_confirmed
+
+
+@dataclass(frozen=True)
+class Flat(LongDepth):
+    """Images of one depth, the factor in m."""
+
+    def depth(self, _):
+        return np.full((4, 4), self.factor)
+
+
+def unit_found(truth, metres, depth_m):
+    """By a tracker whose poses are in units of so many metres, as images of a median depth show it."""
+    scan = replace(truth.scan, files=Flat(truth.scan.files, depth_m))
+    fit = ConventionFit(f"unit:{metres}", 0.9, "recorded", 0.0, 100, 5.0)
+    return unit_by_motion(
+        scan, replace(believe_all(truth), convention=fit.name, convention_fit=fit)
+    )
+
+
+def believe_all(truth):
+    return believe(truth.scan.world_from_cams, "recorded", OdometryOptions())
+
+
+@pytest.mark.parametrize(
+    ("metres", "depth_m", "unit"),
+    [
+        (0.2, 0.5, DepthUnit(5.0)),
+        (0.204, 0.5, DepthUnit(5.0)),
+        (5.0, 12.0, DepthUnit(0.2)),
+        # Rooms are as large as they should be, and would be halls of giants.
+        (0.2, 8.0, DepthUnit()),
+        # No two units have that ratio.
+        (0.5, 0.9, DepthUnit()),
+        (0.1, 0.3, DepthUnit()),
+        # Two units have it, and either size is usual.
+        (0.8, 2.5, DepthUnit(rival=1.25)),
+    ],
+)
+def test_ratio_and_sizes_tell_whose_unit_is_wrong(truth, metres, depth_m, unit):
+    assert unit_found(truth, metres, depth_m) == unit
+
+
+def test_what_nothing_tells_is_asked_for_unless_a_plan_does(truth):
+    unit = unit_found(truth, 0.8, 2.5)
+    unit.require_decided(truth.scan, truth.floorplan)
+    for plan in (None, replace(truth.floorplan, is_metric=False)):
+        with pytest.raises(
+            ScanError, match=r"--depth-scale .* 1\.25 .* --poses-convention unit:0\.8"
+        ):
+            unit.require_decided(truth.scan, plan)
+
+
+def test_a_unit_that_the_user_named_is_not_doubted(truth):
+    fit = ConventionFit("unit:0.2", 0.9, "unit:0.2", 0.9, 100, 0.0)
+    tracking = replace(believe_all(truth), convention="unit:0.2", convention_fit=fit)
+    assert (
+        unit_by_motion(replace(truth.scan, files=Flat(truth.scan.files, 0.5)), tracking)
+        == DepthUnit()
+    )

@@ -243,6 +243,11 @@ VIEW_DISTANCE_M = Prior(
     "What a camera in a room looks at is about so far away: rooms are 3 to 5 m wide. Turns lengths into "
     "angles. Chosen here.",
 )
+VIEW_DISTANCE_SIGMA_SHARE = Prior(
+    0.6,
+    "Of the natural logarithm of the same, as the median depth of a scan: desks at 1 m and halls at 9 m lie "
+    "within two of these. Chosen here.",
+)
 DEPTH_EDGE_SHARE = Prior(
     0.04,
     "Depth that changes by more of itself between neighbouring pixels is that of two surfaces: one seen at "
@@ -266,6 +271,11 @@ SURVEYED_POINT_SIGMA_M = Prior(
     0.01,
     "What a total station with a prism held by hand or a good GNSS fix gives, of points whose file tells "
     "none. Chosen here.",
+)
+MOUNT_ARM_SIGMA_M = Prior(
+    1.0,
+    "Each axis of the arm from the origin of the body whose poses are recorded to the camera: a few "
+    "centimetres in phones and headsets, up to a mast's height over the base of a robot. Chosen here.",
 )
 EYE_HEIGHT_M = Prior(
     1.6, "Eyes of people who stand: 1.53 m of women, 1.63 m of men in the median (DIN 33402-2)."

@@ -14,6 +14,7 @@ from planfit.export.record import make_record
 from planfit.export.write import write_results
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
+from planfit.pipeline.depth_unit import in_unit
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
@@ -235,7 +236,8 @@ def _scans_record(result: TogetherResult) -> dict[str, Any]:
 def _result_views(inputs: RunInputs, result: RefineResult, runtime: Runtime) -> RunViews:
     """Sample the images once more, for the clouds and the report, and judge the walls of the plan."""
     scan, options, as_built = inputs.scan, inputs.report, _as_built(inputs, result)
-    corrected, unplaced = calibrated_scan(scan, result.sensor), result.evidence.unplaced
+    corrected = calibrated_scan(in_unit(scan, result.depth_unit), result.sensor)
+    unplaced = result.evidence.unplaced
     samplings = [Sampling()]
     if options.has_view:
         samplings.append(Sampling(VIEW_POINTS, VIEW_POINTS_OF_FRAME))

@@ -19,9 +19,12 @@ from planfit.tracking.conventions import (
     apply_convention,
     best_convention,
 )
+from planfit.tracking.mounts import mount_of
 from planfit.tracking.pose_units import unit_by_motions
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""Camera axes in those of a body with x forward, y left and z up."""
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 
 
@@ -71,6 +74,7 @@ MISTAKES = {
     "millimetres": lambda p: with_unit(p, 1000.0),
     "centimetres": lambda p: with_unit(p, 100.0),
     "feet": lambda p: with_unit(p, 1 / 0.3048),
+    "ros_body": lambda p: p @ np.linalg.inv(OPTICAL),
     "left_handed": lambda p: MIRROR @ p @ MIRROR,
     "left_handed_camera_from_world": lambda p: np.linalg.inv(MIRROR @ p @ MIRROR),
 }
@@ -169,6 +173,57 @@ def test_a_unit_beside_another_convention_is_measured_too(walked):
 def test_what_depth_may_be_off_by_is_no_unit(walked, metres):
     poses, motions = walked
     assert judged(with_unit(poses, metres), motions, "recorded").convention == "recorded"
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_any_mount_of_the_camera_on_a_body_is_found(seed):
+    rng = np.random.default_rng(seed)
+    true = walk(rng, 120)
+    motions, poses = measure(true, rng), tracked(true, rng)
+    body_from_cam = se3.make_transform(
+        se3.exp_so3(1.5 * rng.normal(size=3)), 0.3 * rng.normal(size=3)
+    )
+    bodies = poses @ se3.inverse(body_from_cam)
+    tracking = judged(bodies, motions, "auto")
+    found = mount_of(tracking.convention)
+    departure = se3.difference(found, body_from_cam)
+    assert np.rad2deg(np.linalg.norm(departure[:3])) < 1.0
+    assert np.linalg.norm(departure[3:]) < 0.05
+    steps, expected = (se3.inverse(p[:-1]) @ p[1:] for p in (tracking.world_from_cams, poses))
+    assert_allclose(steps[:, :3, 3], expected[:, :3, 3], atol=0.02)
+    assert tracking.findings[0].kind is PoseKind.MOUNT_FOUND
+    assert "of a body that carries the camera" in tracking.findings[0].words
+    with pytest.raises(ScanError, match="look like mount:"):
+        judged(bodies, motions, "recorded")
+    # Its name gives the same, and needs nothing further.
+    again = judged(bodies, motions, tracking.convention)
+    assert_allclose(again.recorded_world_from_cams, tracking.recorded_world_from_cams)
+
+
+def test_a_level_walk_tells_no_height_of_the_camera():
+    rng = np.random.default_rng(3)
+    true = level_walk(rng, 120)
+    body_from_cam = OPTICAL @ se3.make_transform(np.eye(3), np.array([0.1, -1.2, 0.2]))
+    bodies = true @ np.linalg.inv(body_from_cam)
+    found = mount_of(judged(bodies, measure(true, rng), "auto").convention)
+    assert_allclose(found[:2, 3], body_from_cam[:2, 3], atol=0.05)
+    assert abs(found[2, 3]) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_right_poses_are_those_of_no_body(seed):
+    rng = np.random.default_rng(seed)
+    true = walk(rng, 120)
+    poses = tracked(true, rng, 4 * np.deg2rad(0.15), 4 * 0.02)
+    assert judged(poses, measure(true, rng), "auto").convention == "recorded"
+
+
+@pytest.mark.parametrize(
+    "name", ["mount:", "mount:1/2/3", "mount:1/2/3/4/5/nan", "mount:a/0/0/0/0/0"]
+)
+def test_mounts_that_are_none_are_refused(walked, name):
+    with pytest.raises(OptionError, match="of a camera on a body"):
+        believe(walked[0], name, OdometryOptions())
 
 
 @pytest.mark.parametrize("name", ["unit:0", "unit:-1", "unit:nan", "unit:inf", "unit:x", "unit:"])

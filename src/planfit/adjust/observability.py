@@ -32,15 +32,9 @@ def observability_findings(
     """
     n, measurements = len(plan_from_cams), problem.measurements
     # What holds poses to something fixed, and what the user's terms hold, linearised at these poses.
-    parts = [
-        term.reweight(plan_from_cams)[0].normal_blocks(plan_from_cams)
-        for term in problem.fixed_terms
-    ]
+    parts = _fixed_parts(problem, plan_from_cams)
     links = _links(problem, parts)
-    is_held = _sees_floor(problem)
-    is_held[links] = True
-    for part in parts:
-        is_held[part.rows[np.abs(part.blocks).max(axis=(1, 2), initial=0.0) > 0]] = True
+    is_held = _held(problem, parts, links)
     has_odometry = problem.odometry is not None
     found = []
     if not is_held.all():
@@ -59,6 +53,35 @@ def observability_findings(
         more = Finding(ResultKind.MORE_HELD_WEAKLY, {"piece_count": len(found) - MAX_NAMED})
         found = [*found[:MAX_NAMED], more]
     return tuple(found)
+
+
+def frames_held(
+    problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Bool[np.ndarray, " n"]:
+    """Frames that anything measured holds: a match, the floor, the plan, a point or a term of the user's."""
+    parts = _fixed_parts(problem, plan_from_cams)
+    return _held(problem, parts, _links(problem, parts))
+
+
+def _fixed_parts(
+    problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
+) -> list[NormalBlocks]:
+    """What holds poses to something that does not move, linearised at these poses."""
+    return [
+        term.reweight(plan_from_cams)[0].normal_blocks(plan_from_cams)
+        for term in problem.fixed_terms
+    ]
+
+
+def _held(
+    problem: AdjustmentProblem, parts: Sequence[NormalBlocks], links: Int[np.ndarray, "p 2"]
+) -> Bool[np.ndarray, " n"]:
+    """Frames that floor, links or something fixed hold."""
+    is_held = _sees_floor(problem)
+    is_held[links] = True
+    for part in parts:
+        is_held[part.rows[np.abs(part.blocks).max(axis=(1, 2), initial=0.0) > 0]] = True
+    return is_held
 
 
 def _links(problem: AdjustmentProblem, parts: Sequence[NormalBlocks]) -> Int[np.ndarray, "p 2"]:

@@ -20,6 +20,7 @@ from planfit.pipeline.refine import refine
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult, refine_together
 from planfit.pipeline.verdict import Outcome, Verdict
+from planfit.report.formatting import length
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.options import provenance_now
 from planfit.runtime import Runtime
@@ -217,7 +218,7 @@ def summarise_together(folder: Path, result: TogetherResult, seconds: float) -> 
         outcome, error = "", ""
         if each.result is not None:
             outcome = each.result.verdict.outcome.value
-            error = f"{each.result.evidence.predicted_rms_m:.2f} m"
+            error = length(each.result.evidence.predicted_rms_m)
         rows.append([each.name, str(len(each.scan)), each.placed_by or "no place", outcome, error])
     name = together.floorplan.name if together.floorplan else "none: the scans alone"
     out.print(f"\nplan {name}\n", soft_wrap=True)

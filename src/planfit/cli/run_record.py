@@ -17,6 +17,7 @@ from planfit.export.option_files import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.corrected import corrected_plan
+from planfit.pipeline.depth_unit import DepthUnit, in_unit
 from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import archive_of, options_of
@@ -51,6 +52,8 @@ class RunRecord:
     options: RefineOptions
     """As given to the run, but for `poses_convention`: `scan` gives poses in our own."""
     scan_options: ScanOptions
+    depth_unit: DepthUnit
+    """Of the scan's depth, as the run found it."""
     sensor: SensorCalibration
     """As the run corrected it."""
     corrections: Corrections = NO_CORRECTIONS
@@ -79,6 +82,7 @@ class RunRecord:
         """
         path = moved_to or self.scan_path
         scan = read_present_scan(path, self.options.segmentation, options or self.scan_options)
+        scan = in_unit(scan, self.depth_unit)
         scan = with_poses(scan, apply_convention(scan.world_from_cams, self.convention))
         times, n = self.poses()[0], self.n_frames
         if (len(scan), len(times)) != (n, n) or not np.allclose(
@@ -150,6 +154,7 @@ def read_record(folder: Path) -> RunRecord:
             convention=record["tracking"]["convention"] if record["tracking"] else RECORDED,
             options=replace(options, poses_convention=RECORDED),
             scan_options=_scan_options(record, where),
+            depth_unit=DepthUnit(float(record.get("depth_factor", 1.0))),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
             corrections=_corrections(record, where),
         )

@@ -16,6 +16,7 @@ from planfit.cli.run_record import RunRecord, read_present_scan, read_record
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.pipeline.depth_unit import in_unit
 from planfit.report.options import ReportOptions
 from planfit.runtime import options_of
 from planfit.runtime.run_folder import finished_record
@@ -125,7 +126,9 @@ def open_session(arguments: ViewArguments) -> Session:
         )
 
     _require_frames(scan, record)
-    return Session(folder, scan, floorplan, solve, _given(record, written))
+    return Session(
+        folder, in_unit(scan, record.depth_unit), floorplan, solve, _given(record, written)
+    )
 
 
 def _given(record: RunRecord, written: dict[str, Any]) -> Corrections:

@@ -56,6 +56,7 @@ def make_record(
         "corrections": None if result.by_hand is None else _corrections_record(result.by_hand),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
+        "depth_factor": result.depth_unit.factor,
         "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
         "walls": _walls_record(result),
         "registration": registration_record(result.registration),
@@ -146,8 +147,8 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             for each in verdict.reservations
         ],
         "advice": verdict.advice,
-        "predicted_error_rms_m": evidence.predicted_rms_m,
-        "predicted_error_m": verdict.predicted_error_m.tolist(),
+        "predicted_error_rms_m": finite(evidence.predicted_rms_m),
+        "predicted_error_m": [finite(each) for each in verdict.predicted_error_m.tolist()],
         "frames_without_place": [list(run) for run in evidence.unplaced],
         "worst_predicted_frame": evidence.worst_frame,
         "stretches": [

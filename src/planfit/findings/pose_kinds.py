@@ -19,6 +19,16 @@ def _done(unmatched_after_frames: tuple[int, ...]) -> str:
     return f"guessed in part, as neighbouring images do not match after frame {after}"
 
 
+def _mount(turn_deg: tuple[float, float, float], arm_m: tuple[float, float, float]) -> str:
+    """ "turned by roll -90.0, pitch 0.0, yaw -90.0 degrees and 0.10, 0.00, 0.25 m from its origin"."""
+    turn = ", ".join(
+        f"{name} {angle + 0.0:.1f}"
+        for name, angle in zip(("roll", "pitch", "yaw"), turn_deg, strict=True)
+    )
+    arm = ", ".join(f"{each:.2f}" for each in arm_m)
+    return f"turned by {turn} degrees and {arm} m (x, y, z) from its origin"
+
+
 class PoseKind(Kind):
     """How far recorded poses are believed."""
 
@@ -27,7 +37,20 @@ class PoseKind(Kind):
         "{metres_per_unit:.3g} m, and poses were multiplied by that",
         "if they are in metres, depth is in the wrong unit: give --depth-scale",
     )
+    DEPTH_UNIT_TAKEN = note(
+        "depth is in another unit than it was read in: the recorded motion is in metres, and depth was "
+        "multiplied by {depth_factor:.4g}, a ratio of units that are in use",
+        "if poses have a unit of their own instead, give it: --poses-convention unit:METRES",
+    )
     CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
+    MOUNT_FOUND = note(
+        (
+            "the recorded poses are those of a body that carries the camera, ",
+            _mount,
+            ": so they explain {explained_share:.0%} of {motion_count} measured motions, as recorded "
+            "{recorded_share:.0%}, and were taken to the camera",
+        )
+    )
     CLOCK_CORRECTED = note(
         ("images are ", _clock, ": poses were read from the trajectory at the images' times")
     )

@@ -127,6 +127,15 @@ class ResultKind(Kind):
         "{after_share:.0%} of the wall patches lie on the plan in solves that did without them "
         "({before_share:.0%} before)"
     )
+    NOTHING_REFINED = against(
+        (
+            "nothing was refined: no frame matches another one or sees ",
+            lambda has_plan: "the floor or a wall of the plan" if has_plan else "the floor",
+            ", so that the error of the poses is not known",
+        ),
+        "use the recorded poses; check that depth is in metres and belongs to the images, or scan again with "
+        "images that overlap",
+    )
     PLACE_NOT_CERTAIN = against(("the place on the plan is not certain: ", lambda parts: parts[0]))
     REVISITS_CAME_APART = against(
         "places seen again came apart, from {before_m:.3f} to {after_m:.3f} m, in solves that did without "

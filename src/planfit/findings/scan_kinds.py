@@ -139,7 +139,7 @@ class ScanKind(Kind):
         "direction free"
     )
     NO_MATCHES = warning(
-        ("no two frames could be matched: poses were refined by ", _others, " alone"),
+        ("no two frames could be matched: poses can be refined by ", _others, " alone"),
         _check_of_matches,
     )
     NO_LOOPS = warning(

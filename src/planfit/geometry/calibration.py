@@ -66,6 +66,14 @@ class SensorCalibration:
         """Another calibration, from numbers in the order of `PARAMETERS`."""
         return replace(self, **{name: float(v) for name, v in zip(PARAMETERS, vector, strict=True)})
 
+    def after(self, depth_factor: float) -> "SensorCalibration":
+        """As one with depth being multiplied by a factor before; the very same one at 1."""
+        return replace(
+            self,
+            depth_scale=self.depth_scale * depth_factor,
+            depth_quadratic_per_m=self.depth_quadratic_per_m * depth_factor**2,
+        )
+
     def depths(self, depths_m: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
         """Depths (m) along the optical axis as they should have been measured; NaN stays NaN."""
         corrected = self.depth_scale * depths_m + self.depth_offset_m

@@ -85,6 +85,7 @@ def align(
     chosen = options or RefineOptions()
     timer = StageTimer(runtime or Runtime())
     observations = extract_observations(scan, chosen, runtime, timer=timer)
+    observations.depth_unit.require_decided(scan, floorplan)
     _, prepared = settle_floors(scan, observations, chosen, timer)
     claimed = claimed_alignment(
         scan, floorplan, prepared.level_from_world, chosen.align.recorded_axes

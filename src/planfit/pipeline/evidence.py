@@ -24,6 +24,7 @@ from planfit.adjust import (
 from planfit.adjust.association import PlanCorrespondences, associate
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationPriors
 from planfit.adjust.left_out import PointLeftOut, leave_out_control
+from planfit.adjust.observability import frames_held
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M
@@ -88,7 +89,7 @@ class Evidence:
     pose_covariances: Float[np.ndarray, "n 6 6"]
     """Of each camera pose [rad^2, rad m, m^2], tangents (rotation, translation) as in
     `planfit.geometry.se3`, axes of the plan, which is taken to be at the scale that was used; where nothing
-    fixed holds the whole, once brought to the truth as one."""
+    fixed holds the whole, once brought to the truth as one. Infinite variances where nothing was measured."""
     correction_m: Float[np.ndarray, " n"]
     """How far each camera was moved from where it was recorded; where nothing fixed holds the whole, once
     the recorded positions are brought to the refined ones as one."""
@@ -111,6 +112,8 @@ class Evidence:
     """Walls that were taken for moved."""
     is_alone: bool = False
     """Whether nothing fixed holds the whole: no plan, and no positions that are known."""
+    is_measured: bool = True
+    """Whether anything but the recorded motion holds any frame: a match, the floor, a wall of the plan."""
     unplaced: tuple[tuple[int, int], ...] = ()
     """Runs of frames, first and last, at whose place nothing was tracked or matched."""
     tracking_doubt: Finding | None = None
@@ -246,7 +249,7 @@ def gather_evidence(
         before = brought_close(before, solved[:, :3, 3])
     correction_m = np.linalg.norm(solved[:, :3, 3] - before, axis=1)
     every, keys = np.arange(len(keyframes.nearest)), keyframes.frame_idx
-    return Evidence(
+    found = Evidence(
         pose_covariances=interpolated(covariance, every, keys),
         correction_m=np.interp(every, keys, correction_m),
         stretches=_stretches(prepared, folds, of_positions, near),
@@ -266,6 +269,22 @@ def gather_evidence(
         left_out=leave_out_control(problem, solved),
         links=judge_links(prepared, folds, recorded, solved),
         strength=directions_held(problem, solved, folds.stretch, covariance, keyframes.frame_idx),
+    )
+    is_measured = problem.by_hand is not None or bool(frames_held(problem, solved).any())
+    return found if is_measured else _of_nothing(found)
+
+
+def _of_nothing(evidence: Evidence) -> Evidence:
+    """Evidence of poses that nothing measured holds: how far they are off is not known."""
+    unknown = np.diag(np.full(6, np.inf))
+    return replace(
+        evidence,
+        is_measured=False,
+        pose_covariances=np.repeat(unknown[None], len(evidence.pose_covariances), axis=0),
+        stretches=tuple(
+            replace(each, predicted_m=np.inf, open_direction=None) for each in evidence.stretches
+        ),
+        strength=tuple(replace(each, sigma=np.inf) for each in evidence.strength),
     )
 
 

@@ -4,6 +4,7 @@ Only keyframes are opened. Here they are a scan of their own; what is found is n
 frames in the end, so that nothing that follows needs to know.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -42,6 +43,7 @@ from planfit.pipeline.depth_or_tracker import (
     errs_clearly_less,
     sensor_by_neighbours,
 )
+from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, unit_by_motion, unit_by_size
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
@@ -82,6 +84,8 @@ class Observations:
     """What a person corrected of it, and what the images say of that."""
     priors: CalibrationPriors = PRIORS
     """How far the sensor, recorded steps and a plan may be off."""
+    depth_unit: DepthUnit = AS_READ
+    """Unit of depth, where it is another than the scan was read in; all of this is in metres."""
 
     __repr__ = short_repr
 
@@ -171,16 +175,27 @@ def observe(
     """As `extract_observations`; with it the keypoints of the keyframes and all motions that were verified
     between neighbours, None where the matches are a user's own."""
     require_plain_numbers(chosen)
-    with stages.stage("corrections"):
-        by_hand = look_by_hand(scan, corrections, chosen, running)
-    keyed = _Keyed(scan, _keyframes(scan, chosen, matches), by_hand)
-    tracking = _believed(keyed, chosen)
-    known, by_surfaces = None, None
-    if matches is None and chosen.tracking.is_judged:
+
+    def keyed_in(unit: DepthUnit) -> _Keyed:
+        seen = in_unit(scan, unit)
+        with stages.stage("corrections"):
+            by_hand = look_by_hand(seen, corrections, chosen, running)
+        return _Keyed(seen, _keyframes(seen, chosen, matches), by_hand)
+
+    def judged_in(unit: DepthUnit) -> _Judged:
+        keyed = keyed_in(unit)
         with stages.stage("tracking"):
-            judged = _judge(keyed, tracking, chosen, running)
+            return _judge(keyed, _believed(keyed, chosen), chosen, running)
+
+    known, by_surfaces, unit = None, None, AS_READ
+    if matches is None and chosen.tracking.is_judged:
+        judged, unit = _in_unit_of_depth(scan, judged_in)
         keyed, tracking = judged.keyed, judged.tracking
         known, by_surfaces = judged.known, judged.by_surfaces
+    else:
+        keyed = keyed_in(unit)
+        tracking = _believed(keyed, chosen)
+    by_hand = keyed.by_hand
     believed = keyed.at(tracking.world_from_cams)
     opened = with_open_steps(tracking.odometry, tracking.contradicted_steps)
     odometry = keyed.odometry(replace(tracking, odometry=opened))
@@ -202,7 +217,7 @@ def observe(
             surfaces = find_surface_pairs(
                 believed, odometry, gravity.up_world, by_surfaces, chosen.matching, running
             )
-    found = Observations(gravity, structure, matches, tracking, surfaces)
+    found = Observations(gravity, structure, matches, tracking, surfaces, depth_unit=unit)
     found = found if keyed.is_whole else _numbered(found, keyed)
     return (found if by_hand is None else corrected_observations(found, by_hand)), known
 
@@ -278,6 +293,20 @@ def _believed(keyed: _Keyed, options: RefineOptions) -> Tracking:
     scan, convention = keyed.scan, options.poses_convention
     poses, times = scan.world_from_cams, scan.timestamps
     return believe(poses, convention, options.odometry, times, keyed.frame_idx)
+
+
+def _in_unit_of_depth(
+    scan: Scan, judged_in: Callable[[DepthUnit], _Judged]
+) -> tuple[_Judged, DepthUnit]:
+    """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
+    by_size = unit_by_size(scan)
+    if by_size != AS_READ:
+        tried = judged_in(by_size)
+        if tried.tracking.is_confirmed:
+            return tried, by_size
+    judged = judged_in(AS_READ)
+    unit = unit_by_motion(scan, judged.tracking)
+    return (judged if unit.factor == 1.0 else judged_in(unit)), unit
 
 
 def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: Runtime) -> _Judged:

@@ -222,7 +222,7 @@ def _places_beside(
 
 
 def _likeliest(walk: _Walk, places: Sequence[Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
-    """Numbers of the places in the likeliest sequence (Viterbi 1967); the last one is of a place not known."""
+    """Numbers of the places of the likeliest walk (Viterbi 1967); the last one is of a place not known."""
     log = [walk.log_likelihood(place) for place in places] + [walk.unexplained()] * or_unknown
     n, n_places, n_states = len(log[0]), len(places), len(log)
     change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to

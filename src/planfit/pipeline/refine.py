@@ -14,6 +14,7 @@ from planfit.pipeline.corrected import (
     solve_corrected,
     with_corrected_plan,
 )
+from planfit.pipeline.depth_unit import AS_READ, in_unit
 from planfit.pipeline.given import Given, require_given
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
@@ -98,6 +99,10 @@ def refine_given(given: Given) -> RefineResult:
         timer=timer,
         corrections=given.corrections,
     )
+    seen.depth_unit.require_decided(given.scan, given.floorplan)
+    if seen.depth_unit != AS_READ:
+        given = replace(given, scan=in_unit(given.scan, seen.depth_unit))
+        surveyed = observe_survey(given, timer)
     if surveyed is not None:
         seen = replace(seen, control=surveyed.control)
     seen = observe_by_hand(seen, given)
@@ -134,5 +139,8 @@ def calibrate(
     given = Given(scan, floorplan, options or RefineOptions(), runtime or Runtime())
     timer = StageTimer(given.runtime)
     seen = extract_observations(scan, given.options, given.runtime, timer=timer)
+    seen.depth_unit.require_decided(scan, floorplan)
+    given = replace(given, scan=in_unit(scan, seen.depth_unit))
     seen = with_priors_of_poses(seen)
-    return solve(given, seen, timer).calibrated.calibration
+    found = solve(given, seen, timer).calibrated.calibration
+    return replace(found, sensor=found.sensor.after(seen.depth_unit.factor))

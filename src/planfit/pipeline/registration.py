@@ -80,7 +80,7 @@ def register(
         survey: control and check points, where there are some.
     """
     of_frames = radius_95(evidence.pose_covariances[:, 3:, 3:])
-    is_placed = np.ones(len(of_frames), dtype=bool)
+    is_placed = np.isfinite(of_frames)
     for first, last in evidence.unplaced:
         is_placed[first : last + 1] = False
     predicted = float(np.quantile(of_frames[is_placed], 0.95)) if is_placed.any() else np.inf

@@ -44,6 +44,8 @@ RIVAL_SHARE = 1.0
 
 def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
     """All reservations about a result, the gravest kinds first."""
+    if not evidence.is_measured:  # of the whole it is said that nothing was refined
+        return tuple(_of_doubted_tracking(evidence))
     found = [
         *_of_doubted_tracking(evidence),
         *_of_broken_path(evidence),

@@ -19,6 +19,7 @@ from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.contradicted import ByHand
+from planfit.pipeline.depth_unit import AS_READ, DepthUnit
 from planfit.pipeline.diagnostics import (
     adjustment_findings,
     alignment_findings,
@@ -99,6 +100,8 @@ class RefineResult:
     """Residuals of control and check points, where some were given."""
     by_hand: ByHand | None = None
     """What corrections by hand came to; None where there were none."""
+    depth_unit: DepthUnit = AS_READ
+    """Unit of the scan's depth, where it is another than it was read in; `sensor` comes after it."""
     scans: tuple[FramesOfScan, ...] = ()
     """Which frames are whose, where several scans were refined together; else none."""
     made_of: MadeOf | None = None
@@ -198,6 +201,7 @@ def make_result(
         checks=validation.checks,
         findings=(
             *(observations.tracking.findings if observations.tracking else ()),
+            *observations.depth_unit.findings,
             *sensor_findings(found),
             *scan_findings(
                 scan,
@@ -230,6 +234,7 @@ def make_result(
         verdict=validation.verdict,
         evidence=validation.evidence,
         tracking=observations.tracking,
+        depth_unit=observations.depth_unit,
         calibration=calibrated.calibration,
         storeys=on_plan.storeys,
         sensor_parameters=found,

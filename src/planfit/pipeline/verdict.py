@@ -162,6 +162,9 @@ def _in_favour(evidence: Evidence) -> tuple[Finding, ...]:
 
 def _against(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
     """Why the recorded poses are to be preferred."""
+    if not evidence.is_measured:
+        # What else there is to say compares the recorded poses with themselves.
+        return (Finding(ResultKind.NOTHING_REFINED, {"has_plan": not evidence.is_alone}),)
     found = []
     if evidence.alignment is not None and evidence.alignment.doubt is not None:
         found.append(Finding(ResultKind.PLACE_NOT_CERTAIN, parts=(evidence.alignment.doubt,)))

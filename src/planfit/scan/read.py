@@ -51,8 +51,8 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
 
 
-def check_depth_unit(scan: Scan) -> list[str]:
-    """Warnings about the depth of a scan, from nine of its frames: nothing, or a unit that cannot be right.
+def median_depth_m(scan: Scan) -> float | None:
+    """Depth in the middle of the frames, by nine of them; None where none of these can be read.
 
     Raises:
         ScanError: nothing was measured in any of these frames.
@@ -74,11 +74,18 @@ def check_depth_unit(scan: Scan) -> list[str]:
             f"{scan.name}: expected depth, found no measurement in any of the {n_read} frames looked at; "
             "export the scan again with depth"
         )
-    if not medians:
-        return []
-    middle = float(np.median(medians))
+    return float(np.median(medians)) if medians else None
+
+
+def check_depth_unit(scan: Scan) -> list[str]:
+    """Warnings about the depth of a scan, from nine of its frames: nothing, or a unit that cannot be right.
+
+    Raises:
+        ScanError: nothing was measured in any of these frames.
+    """
+    middle = median_depth_m(scan)
     near_m, far_m = USUAL_DEPTH_M
-    if near_m <= middle <= far_m:
+    if middle is None or near_m <= middle <= far_m:
         return []
     return [
         f"half of the depth is below {middle:.3g} m, where {near_m:g} to {far_m:g} m are usual in a "

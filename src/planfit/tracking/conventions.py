@@ -24,6 +24,13 @@ from planfit.tracking.motions import (
     expected_covariance,
     squared_sigmas,
 )
+from planfit.tracking.mounts import (
+    OPTICAL_AXES,
+    mount_by_motions,
+    mount_named,
+    mount_of,
+)
+from planfit.tracking.mounts import PREFIX as MOUNT
 from planfit.tracking.noise import FREEDOM
 from planfit.tracking.pose_units import (
     PREFIX,
@@ -127,6 +134,7 @@ CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {
     "translation_camera_from_world": _with_centres,
     **{name: partial(_shifted, frames=k) for name, k in FRAME_DELAYS.items()},
     **{name: partial(in_metres, metres=metres) for name, metres in _UNITS.items()},
+    "ros_body": lambda p: p @ OPTICAL_AXES,
     "left_handed": lambda p: _MIRROR_Y @ p @ _MIRROR_Y,
     "left_handed_camera_from_world": lambda p: _MIRROR_Y @ se3.inverse(p) @ _MIRROR_Y,
 }
@@ -174,9 +182,14 @@ class ConventionFit:
     @property
     def is_clear(self) -> bool:
         """Whether it explains the scan, and clearly better than the one that was asked for."""
-        is_enough = self.n_motions >= MIN_MOTIONS and self.share >= MIN_SHARE
+        is_enough = self.is_told and self.share >= MIN_SHARE
         is_more = self.share >= self.asked_share + MIN_MORE
         return self.name != self.asked and is_enough and is_more and self.log_ratio >= MIN_LOG_RATIO
+
+    @property
+    def is_mount(self) -> bool:
+        """Whether poses are those of a body, turned and shifted against the camera in no usual way."""
+        return self.name != self.asked and mount_of(self.name) is not None
 
     @property
     def is_own_unit(self) -> bool:
@@ -187,7 +200,12 @@ class ConventionFit:
     @property
     def is_unexplained(self) -> bool:
         """Whether enough was measured, and no convention explains it, as recorded or otherwise."""
-        return self.n_motions >= MIN_MOTIONS and max(self.share, self.asked_share) < MIN_SHARE
+        return self.is_told and max(self.share, self.asked_share) < MIN_SHARE
+
+    @property
+    def is_told(self) -> bool:
+        """Whether enough was measured to tell a convention."""
+        return self.n_motions >= MIN_MOTIONS
 
 
 @dataclass(frozen=True)
@@ -209,15 +227,18 @@ def apply_convention(world_from_cams: Poses, name: str) -> Poses:
     """
     poses, known = world_from_cams, CONVENTIONS | WORLD_AXES
     for part in name.split(", "):
-        metres = metres_named(part)
+        metres, mount = metres_named(part), mount_of(part)
         if metres is not None:
             poses = in_metres(poses, metres)
+        elif mount is not None:
+            poses = poses @ mount
         elif part in known:
             poses = known[part](poses)
         elif part != RECORDED:
             raise OptionError(
                 f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, {PREFIX} and "
-                f"the metres of a unit, found {part!r}"
+                f"the metres of a unit, {MOUNT} and roll/pitch/yaw/x/y/z of a camera on a body, found "
+                f"{part!r}"
             )
     return poses
 
@@ -254,7 +275,8 @@ def best_convention(
 ) -> ConventionFit:
     """The convention under which the measured motions are likeliest; the one asked for where none is more so.
 
-    Beside the usual ones, the one asked for in a unit of its own, as the motions show it.
+    Beside the usual ones, the one asked for in a unit of its own, as the motions show it; and the poses of a
+    body that carries the camera in any way (`mounts.py`), where these explain clearly more than all others.
 
     The likelihood is that of `noise.py`, at the noise that suits each convention best. Steps between
     keyframes, where they are given, are as sure as `options` say.
@@ -277,11 +299,21 @@ def best_convention(
         found = _likelihood(converted, motions, options, keyframe_idx)
         if found.cost < best.cost:
             name, best, poses = candidate, found, converted
-    share, asked_share = (
-        float(np.mean(squared < EXPLAINED_SIGMAS**2))
-        for p in (poses, as_asked)
-        for _, squared, _ in _squared(p, motions, options, (best.factor,), keyframe_idx)
-    )
+
+    def share_of(explaining: Poses, factor: float) -> float:
+        ((_, squared, _),) = _squared(explaining, motions, options, (factor,), keyframe_idx)
+        return float(np.mean(squared < EXPLAINED_SIGMAS**2))
+
+    # Where all is explained by a tracker as good as usual, nothing can explain clearly more.
+    if share_of(poses, NOISE[0]) <= 1 - MIN_MORE:
+        odometry = make_odometry(world_from_cams, options, None, keyframe_idx)
+        mount = mount_named(mount_by_motions(world_from_cams, motions, odometry))
+        mounted = apply_convention(world_from_cams, mount)
+        found = _likelihood(mounted, motions, options, keyframe_idx)
+        more = share_of(mounted, found.factor) - share_of(poses, found.factor)
+        if best.cost - found.cost >= 2 * MIN_LOG_RATIO and more >= MIN_MORE:
+            name, best, poses = mount, found, mounted
+    share, asked_share = (share_of(each, best.factor) for each in (poses, as_asked))
     log_ratio = (of_asked.cost - best.cost) / 2
     return ConventionFit(name, share, asked, asked_share, n_all, log_ratio)
 

@@ -13,6 +13,7 @@ from planfit.scan.odometry import USUAL_SHARE, Odometry, usual_step
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 from planfit.tracking.motions import MeasuredMotions
+from planfit.tracking.mounts import mount_numbers
 from planfit.tracking.pose_units import unit_of
 
 
@@ -87,6 +88,13 @@ class Tracking:
         return unit_of(self.convention)
 
     @property
+    def is_confirmed(self) -> bool:
+        """Whether measured motions explain the recorded ones, and these are in metres."""
+        fit = self.convention_fit
+        is_told = fit is not None and fit.is_told and not fit.is_unexplained
+        return is_told and self.metres_per_unit == 1.0
+
+    @property
     def unplaced(self) -> tuple[tuple[int, int], ...]:
         """First and last frame of each run of frames whose place against most of the walk nothing tells."""
         submap = submaps_of(len(self.world_from_cams), self.open_steps, self.linked)
@@ -127,6 +135,11 @@ class Tracking:
         if fit is not None and fit.is_own_unit and fit.is_clear:
             facts = {"metres_per_unit": self.metres_per_unit}
             found.append(Finding(PoseKind.POSES_IN_OWN_UNIT, facts))
+        elif fit is not None and fit.is_mount and fit.is_clear:
+            turn_deg, arm_m = mount_numbers(fit.name)
+            facts = {"turn_deg": turn_deg, "arm_m": arm_m, "explained_share": fit.share}
+            facts |= {"recorded_share": fit.asked_share, "motion_count": fit.n_motions}
+            found.append(Finding(PoseKind.MOUNT_FOUND, facts))
         elif self.convention != "recorded":
             found.append(Finding(PoseKind.CONVENTION_TAKEN, {"convention": self.convention}))
         if self.clock is not None:

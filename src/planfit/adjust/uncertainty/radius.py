@@ -6,12 +6,17 @@ from scipy.special import gammaincinv
 
 
 def radius_95(covariances: Float[np.ndarray, "k d d"]) -> Float[np.ndarray, " k"]:
-    """Radius about the expected point that holds 95 % of a normal distribution, by its covariance.
+    """Radius about the expected point that holds 95 % of a normal distribution, by its covariance; infinite
+    where that is.
 
     The squared distance is taken for a multiple of chi square of the same mean and variance (Satterthwaite
     1946); it is exact where all axes, or all but one of none, are alike, and within 2 % elsewhere.
     """
     mean = np.trace(covariances, axis1=1, axis2=2)
+    is_known = np.isfinite(mean)
+    if not is_known.all():
+        known = np.where(is_known[:, None, None], covariances, 0.0)
+        return np.where(is_known, radius_95(known), np.inf)
     square = np.einsum("kij,kij->k", covariances, covariances)
     safe = np.where(mean > 0, mean, 1.0)
     scale = np.where(mean > 0, square / safe, 0.0)

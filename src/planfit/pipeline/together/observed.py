@@ -14,6 +14,7 @@ from planfit.errors import OptionError, ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.matching.tentative import ScanKeypoints
 from planfit.pipeline.calibrate import calibrate_alone, with_priors_of_poses
+from planfit.pipeline.depth_unit import in_unit
 from planfit.pipeline.observations import Observations, observe, with_poses
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
@@ -49,7 +50,8 @@ class ObservedScan:
     @property
     def corrected_scan(self) -> Scan:
         """The scan in our convention, as its sensor should have measured it."""
-        own = with_poses(self.scan, self.tracking.recorded_world_from_cams)
+        own = in_unit(self.scan, self.observations.depth_unit)
+        own = with_poses(own, self.tracking.recorded_world_from_cams)
         return calibrated_scan(own, self.calibration.sensor)
 
     @property
@@ -84,7 +86,9 @@ def observe_scan(
             f"{scan.name}: expected scans of one storey, found one that walks through several; refine it "
             "alone, with a plan for each storey (--plan 0=FILE --plan 1=FILE)"
         )
-    calibrated = calibrate_alone(scan, with_priors_of_poses(seen), options, timer)
+    seen.depth_unit.require_decided(scan, None)
+    in_metres = in_unit(scan, seen.depth_unit)
+    calibrated = calibrate_alone(in_metres, with_priors_of_poses(seen), options, timer)
     keypoints = _corrected(known.keypoints, calibrated.calibration.sensor)
     return ObservedScan(
         name,

@@ -1,0 +1,144 @@
+"""Poses of a body that carries the camera: the constant turn and arm between the two, found from motions.
+
+The body moves by A where the camera moves by B, and A X = X B with X = body_from_cam (hand-eye calibration,
+Tsai and Lenz 1989). X is found by least squares over all motions at once, each by its covariance, as
+Strobl and Hirzinger (2006) weigh turn and arm, with the tails of `noise.py` for motions that are false.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from planfit.geometry import se3
+from planfit.priors import MOUNT_ARM_SIGMA_M
+from planfit.scan.odometry import Odometry
+from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
+from planfit.tracking.noise import FREEDOM
+
+PREFIX = "mount:"
+"""Of the convention's name, before roll, pitch and yaw (degrees) of the camera's axes in those of the body,
+and x, y and z (m) of the camera there, with slashes between."""
+ROUNDS, SETTLED = 30, 1e-6
+"""Steps of the least squares at most, and the step (rad, m) that is none."""
+MOTIONS_OF_STARTS = 200
+"""That tell which start leads furthest down."""
+DIFFERENCE = 1e-6
+"""Of rad and m, by which derivatives are taken."""
+
+Poses = Float[np.ndarray, "n 4 4"]
+
+OPTICAL_AXES = se3.make_transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3))
+"""body_from_cam of a camera that looks ahead from a body with x forward, y left and z up (ROS, REP 103)."""
+_STARTS = (np.eye(4), OPTICAL_AXES, np.diag([1.0, -1.0, -1.0, 1.0]))
+"""Beside those that the motions show: axes as ours, of ROS, of OpenGL."""
+
+
+def mount_named(body_from_cam: Float[np.ndarray, "4 4"]) -> str:
+    """Name of the convention, to a thousandth of a degree and a tenth of a millimetre."""
+    turn_deg = Rotation.from_matrix(body_from_cam[:3, :3]).as_euler("xyz", degrees=True)
+    numbers = [f"{v:.3f}" for v in turn_deg] + [f"{v:.4f}" for v in body_from_cam[:3, 3]]
+    return PREFIX + "/".join(numbers)
+
+
+def mount_of(name: str) -> Float[np.ndarray, "4 4"] | None:
+    """body_from_cam that a convention names; None where it names none."""
+    turn_deg, arm_m = mount_numbers(name)
+    if not turn_deg:
+        return None
+    turn = Rotation.from_euler("xyz", turn_deg, degrees=True).as_matrix()
+    return se3.make_transform(turn, np.array(arm_m))
+
+
+def mount_numbers(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Roll, pitch and yaw (degrees), x, y and z (m) of a convention's name; empty where it names none."""
+    if not name.startswith(PREFIX):
+        return (), ()
+    try:
+        numbers = tuple(float(part) for part in name[len(PREFIX) :].split("/"))
+    except ValueError:
+        return (), ()
+    is_mount = len(numbers) == 6 and np.isfinite(numbers).all()
+    return (numbers[:3], numbers[3:]) if is_mount else ((), ())
+
+
+def mount_by_motions(
+    world_from_bodies: Poses, motions: MeasuredMotions, odometry: Odometry
+) -> Float[np.ndarray, "4 4"]:
+    """body_from_cam under which the measured motions of the camera are likeliest.
+
+    Arms along an axis about which all turns are made cannot be told, nor do they matter: they are 0.
+
+    Args:
+        world_from_bodies: as recorded.
+        motions: of the camera, two or more.
+        odometry: steps of the body, for how sure they are.
+    """
+    covariance = expected_covariance(motions, odometry)
+    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
+    starts = [*_STARTS, *_turns_shown(world_from_bodies, motions, whitener)]
+    some = np.unique(np.linspace(0, len(motions) - 1, MOTIONS_OF_STARTS).astype(int))
+    near = [_fitted(each, world_from_bodies, motions[some], whitener[some]) for each in starts]
+    start, _ = min(near, key=lambda each: each[1])
+    return _fitted(start, world_from_bodies, motions, whitener)[0]
+
+
+def _turns_shown(
+    poses: Poses, motions: MeasuredMotions, whitener: Float[np.ndarray, "p 6 6"]
+) -> list[Float[np.ndarray, "4 4"]]:
+    """Turns that bring axes of rotations, and with them directions of steps, of the camera to the body's."""
+    i, j = motions.pairs.T
+    of_body, of_cam = se3.inverse(poses[i]) @ poses[j], motions.a_from_b
+    surety = np.diagonal(whitener, axis1=1, axis2=2)
+    rotations = [se3.log_so3(each[:, :3, :3]) * surety[:, :1] for each in (of_body, of_cam)]
+    steps = [each[:, :3, 3] * surety[:, 3:4] for each in (of_body, of_cam)]
+    found = []
+    for body, cam in (
+        rotations,
+        [np.concatenate(each) for each in zip(rotations, steps, strict=True)],
+    ):
+        # Longest ones count no more than others: false motions are among them.
+        length = np.linalg.norm(body, axis=1) * np.linalg.norm(cam, axis=1)
+        product = (body / np.sqrt(length + 1e-12)[:, None]).T @ (
+            cam / np.sqrt(length + 1e-12)[:, None]
+        )
+        found.append(se3.make_transform(se3.project_to_so3(product), np.zeros(3)))
+    return found
+
+
+def _fitted(
+    start: Float[np.ndarray, "4 4"],
+    poses: Poses,
+    motions: MeasuredMotions,
+    whitener: Float[np.ndarray, "p 6 6"],
+) -> tuple[Float[np.ndarray, "4 4"], float]:
+    """body_from_cam from a start on, and its cost: twice the negative logarithm of its likelihood."""
+
+    def whitened(mount: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "p 6"]:
+        return np.einsum("pij,pj->pi", whitener, departures(motions, poses @ mount))
+
+    def cost(mount: Float[np.ndarray, "4 4"], residual: Float[np.ndarray, "p 6"]) -> float:
+        tail = (FREEDOM + 6.0) * np.log1p(np.sum(residual**2, axis=1) / FREEDOM)
+        return float(np.sum(tail) + np.sum((mount[:3, 3] / sigma) ** 2))
+
+    sigma, mount = MOUNT_ARM_SIGMA_M.value, start
+    residual = whitened(mount)
+    lowest, damping = cost(mount, residual), 1e-3
+    for _ in range(ROUNDS):
+        moved = [whitened(se3.retract(mount, DIFFERENCE * axis)) for axis in np.eye(6)]
+        slopes = np.stack([(each - residual) / DIFFERENCE for each in moved], axis=2)
+        weight = (FREEDOM + 6.0) / (FREEDOM + np.sum(residual**2, axis=1))
+        normal = np.einsum("p,pia,pib->ab", weight, slopes, slopes)
+        gradient = np.einsum("p,pia,pi->a", weight, slopes, residual)
+        normal[3:, 3:] += np.eye(3) / sigma**2
+        gradient[3:] += mount[:3, 3] / sigma**2
+        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
+        tried = se3.retract(mount, step)
+        after = whitened(tried)
+        now = cost(tried, after)
+        if now <= lowest:
+            mount, residual, lowest, damping = tried, after, now, damping / 10
+        else:
+            damping *= 10
+        if np.abs(step).max() < SETTLED:
+            break
+    return mount, lowest
