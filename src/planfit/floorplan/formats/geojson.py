@@ -38,7 +38,7 @@ _ROOM_NAMES = """
 _ROOMS = frozenset(_ROOM_NAMES.split())
 _OUTSIDE_NAMES = """
     building buildings gebaude gebaeude batiment edificio footprint venue level floor storey site
-    parcel outline perimeter address anchor road street path tree
+    parcel outline perimeter address anchor section geofence kiosk amenity road street path tree
 """
 _OUTSIDE = frozenset(_OUTSIDE_NAMES.split())
 """Kinds of polygons beside rooms in files that name no room in English."""
@@ -344,8 +344,8 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
             continue
         named = next((str(properties[k]) for k in _NAMING if properties.get(k)), "")
         part = kind or str(feature.get("feature_type") or "")
-        if part == "opening":
-            named = "opening"
+        if part == "opening" or (part in _OUTSIDE and not _is_room(named)):
+            named = part
         elif part == "unit" and role_of(named) != Role.WALL and named != "structure":
             named = named if named in _ROOMS else "room"
         scalars = {
