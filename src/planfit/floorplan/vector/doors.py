@@ -45,10 +45,10 @@ def open_doors(
     length, along = segments.lengths(faces.ends), segments.directions(faces.ends)
     left = segments.left_normals(faces.ends)
     for swing in swings:
-        leaf = _closed_leaf(swing, body)
-        if leaf is None and swing.is_area:
-            doorways += _doorways(swing, body)
+        gaps = _doorways(swing, body) if swing.is_one_leaf else []
+        leaf = None if gaps else _closed_leaf(swing, body)
         if leaf is None:
+            doorways += gaps if swing.is_area else []
             continue
         across = np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], left)
         at = np.sort(np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], along), axis=1)
