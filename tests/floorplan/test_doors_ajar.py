@@ -18,7 +18,7 @@ WALLS = [shapely.box(0, 0, 12, 6).exterior, shapely.LineString([(9, 0), (9, 6)])
 
 def written(path: Path, angle_deg: float, *, is_single: bool = True, off: float = 0.0) -> Path:
     """Walls without thickness, or 0.2 m thick about the same lines; arcs whose radius is `off` by a share."""
-    document = ezdxf.new()
+    document = ezdxf.new()  # pyright: ignore[reportPrivateImportUsage]
     document.header["$INSUNITS"] = 6
     space = document.modelspace()
     lines = (
@@ -51,7 +51,7 @@ def doors_of(plan: Floorplan, at: float, angle_deg: float = 0.0) -> list[bool]:
     faces = shapely.transform(faces, lambda xy: xy @ to_file[:2, :2].T + to_file[:2, 2])
     places = [np.array(hinge) + at * WIDTH_M * np.array([np.cos(a), np.sin(a)])
               for hinge, closed_deg in DOORS for a in [np.deg2rad(closed_deg + angle_deg)]]  # fmt: skip
-    return [bool(faces.distance(shapely.Point(place)) < 0.11) for place in places]
+    return [bool(shapely.distance(faces, shapely.Point(place)) < 0.11) for place in places]
 
 
 @pytest.mark.parametrize("angle_deg", [15, 30, 45, 60, 75, 90, 110])
@@ -97,5 +97,5 @@ def test_filled_sectors_are_doors(tmp_path: Path, angle_deg: float, has_gap: boo
     along = np.abs(plan.ends[:, 1] - plan.ends[:, 0])
     assert (np.minimum(*along.T) < 1.0).all()
     faces = shapely.multilinestrings(plan.ends * (1.0, -1.0))
-    assert faces.distance(shapely.Point(508, 345)) > 30
-    assert faces.distance(shapely.Point(508, 450)) < 10
+    assert shapely.distance(faces, shapely.Point(508, 345)) > 30
+    assert shapely.distance(faces, shapely.Point(508, 450)) < 10

@@ -185,7 +185,7 @@ def _read_both(
     except FloorplanError:
         drawn = None
     for item in list(page.get_objects(max_depth=1)):
-        if item.type not in (raw.FPDF_PAGEOBJ_IMAGE, raw.FPDF_PAGEOBJ_FORM):
+        if raw.FPDFPageObj_GetType(item.raw) not in (raw.FPDF_PAGEOBJ_IMAGE, raw.FPDF_PAGEOBJ_FORM):
             page.remove_obj(item)
     lying = (
         f"a picture covers {pictures.page_share:.0%} of the page and line work lies on it: read as"

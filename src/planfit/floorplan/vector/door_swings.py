@@ -198,8 +198,8 @@ def without_sectors(
         along = np.array([[_is_along(fill, swing, k) for k in (0, 1)] for fill in rest])
         along = along.reshape(-1, 2)
         is_leaf |= along.any(axis=1)
-        one, other = along.any(axis=0)
-        swings.append(replace(swing, has_leaf=(bool(one), bool(other))) if one != other else swing)
+        one, other = bool(along[:, 0].any()), bool(along[:, 1].any())
+        swings.append(replace(swing, has_leaf=(one, other)) if one != other else swing)
     return tuple(fill for fill, leaf in zip(rest, is_leaf, strict=True) if not leaf), swings
 
 

@@ -181,9 +181,7 @@ def is_dark(colour: tuple[int, int, int] | None) -> bool:
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
 
 
-def _without_stroke_fills(
-    lines: Lines, pens: list[Pen | None]
-) -> tuple[Lines, list[Fill]]:
+def _without_stroke_fills(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:
     """Lines without those that fill areas side by side, and these areas, one a layer and pen."""
     fills: list[Fill] = []
     if len(lines) < MANY:

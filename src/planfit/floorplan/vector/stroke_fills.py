@@ -8,7 +8,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import line_strings
 
 MANY = 5_000
-"""Fewer strokes of one pen are line work: of a real floor 1,000 to 3,000 may be faces. Joining 50,000 takes 6 s."""
+"""Fewer strokes of one pen are line work: of a real floor 1,000 to 3,000 may be faces. 50,000 take 6 s."""
 TWICE = 2.0
 """Strokes that fill an area lie on one another: their own areas together are so many times the area."""
 

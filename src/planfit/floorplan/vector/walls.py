@@ -41,6 +41,7 @@ from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
+from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.floorplan.vector.room_edges import (
@@ -158,7 +159,14 @@ def walls_of_drawing(
         dropped.append(f"panes and sills of {len(windows.openings) // 2} windows in double lines")
     if rooms:
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
+    wall = shapely.Polygon()
+    if metres_per_unit is None and not (solids or pieces.areas or rooms):
+        wall = outer_wall(lines.take(has_form), bounds[1], extent)
+        on_wall = shapely.buffer(wall, 1e-3 * extent, join_style="mitre")
+        candidates = candidates.take(~shapely.covers(on_wall, line_strings(candidates.ends)))
     found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
+    if not wall.is_empty:
+        found = replace(found, parts=[*found.parts, _faces_of_solid(wall, extent)])
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
