@@ -45,7 +45,7 @@ def open_doors(
     length, along = segments.lengths(faces.ends), segments.directions(faces.ends)
     left = segments.left_normals(faces.ends)
     for swing in swings:
-        gaps = _doorways(swing, body) if swing.is_one_leaf else []
+        gaps = _doorways(swing, body) if swing.is_one_leaf or swing.is_area else []
         leaf = None if gaps else _closed_leaf(swing, body)
         if leaf is None:
             doorways += gaps if swing.is_area else []
