@@ -46,7 +46,7 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
     if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < MEETS * extent:
         return none
     at = np.concatenate([lines.ends, lines.ends.mean(axis=1, keepdims=True)], axis=1)
-    on_inner = shapely.distance(shapely.points(at), inner.exterior) < MEETS * extent
+    on_inner = np.asarray(shapely.distance(shapely.points(at), inner.exterior)) < MEETS * extent
     # The middle of a line along the outline is on it too: that one is of the outline itself.
     is_ending = on_inner[:, :2].any(axis=1) & ~on_inner[:, 2]
     return outer.difference(inner) if is_ending.sum() >= MIN_ENDING else none
