@@ -145,6 +145,11 @@ DOOR_OPENING_M = PriorRange(
     "Gaps in walls that are doors: leaves of DIN 18101 (0.610 to 1.235 m) and what is left of a double "
     "door.",
 )
+DOOR_WIDTH_MOST_M = Prior(
+    2.5,
+    "Two leaves of the widest of DIN 18101 (1.235 m): what is called a door and wider is a front of glass or "
+    "a movable partition, which stands like a wall.",
+)
 DOOR_PASSED_LEAST_M = Prior(
     0.5,
     "Clear way of the narrowest door, as cameras look through it: a leaf of 0.610 m (DIN 18101) less its "

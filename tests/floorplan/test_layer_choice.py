@@ -44,6 +44,11 @@ COLUMNS = [shapely.box(8, 2, 8.4, 2.4), shapely.box(2.5, 5, 2.9, 5.4)]
         # Overhead, as two lines from wall to wall.
         (["Stahltraeger", "Stahlträger", "Querbalken", "Unterzüge", "S-BEAM", "Structure Beams", "Poutres",
           "Vigas", "Travi", "Stalen liggers", "קורות"], Role.NO_WALL),
+        # Ways through the building, what is measured in it and what helped to draw it.
+        (["ligne circulation", "Flèche", "parcours", "Fluchtweg", "Rettungswege", "Pfeile", "escape route",
+          "A-EGRESS", "Evacuation", "recorrido", "flechas", "percorso", "Frecce", "Guides", "Measurements",
+          "Mesures", "Medidas", "Misure", "Heizkörper", "Radiateurs", "Radiatori",
+          "Radiadores"], Role.NO_WALL),
         (["0", "Layer 1", "ARCHITEKTUR", "Struktur", "Strukturen", "LAYER_21_E_", "Ground floor"],
          Role.UNKNOWN),
     ],

@@ -200,3 +200,12 @@ def test_usd_of_other_things_and_of_other_units(tmp_path: Path, walls: int) -> N
     plan = read_floorplan(tmp_path / "Room.usdz")
     np.testing.assert_allclose(plan.lengths, 3.0)
     np.testing.assert_allclose(np.sort(plan.ends[:, 0, 1]), [0.0, 2.0, 4.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("width_m", "is_door"), [(1.0, True), (2.4, True), (3.2, False)])
+def test_doors_wider_than_any_are_fronts(tmp_path: Path, width_m: float, is_door: bool) -> None:
+    content = a_room()
+    content["doors"] = [surface((0.4, 0), (0.4 + width_m, 0), -1.2, 0.9, "d", "w0")]
+    plan = read_floorplan(written(tmp_path / "Room.json", content))
+    assert plan.lengths.sum() == pytest.approx(14.0 - 1.0 - (width_m if is_door else 0.0))
+    assert any("kept as wall" in words for words in plan.source.warnings) != is_door

@@ -312,8 +312,8 @@ def test_geojson_without_walls(tmp_path):
     path = write_geojson(tmp_path / "a.geojson", WALLS, kind="tree")
     n = len(shapely.get_parts(WALLS))
     assert refusal(path) == (
-        f"expected walls or rooms, found {n} features of the kinds tree; name walls 'wall' and rooms "
-        "'room' in their property 'category' or 'type'"
+        f"expected walls or rooms, found {n} features of the kinds tree; rooms are polygons, walls "
+        "polygons or lines that are named 'wall' in their property 'category' or 'type'"
     )
 
 

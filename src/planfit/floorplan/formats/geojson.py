@@ -8,24 +8,25 @@ from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of, plans_in
+from planfit.floorplan.formats.geojson_storeys import Properties, told_storeys
 from planfit.floorplan.formats.imdf_levels import chosen_level, level_names
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
-from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of, words_of
 from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
 from planfit.geometry import segments
-from planfit.priors import BUILDING_USUAL_SIZE_M
+from planfit.priors import BUILDING_USUAL_SIZE_M, WALL_FACES_APART_M
 
 _NAMING = ("category", "feature_type", "indoor", "type", "class", "layer", "kind", "building:part")
 """Properties that say what a feature is, in the order they are asked."""
@@ -35,6 +36,13 @@ _ROOM_NAMES = """
     stairwell escalator nonpublic unspecified
 """
 _ROOMS = frozenset(_ROOM_NAMES.split())
+_OUTSIDE_NAMES = """
+    building buildings gebaude gebaeude batiment edificio footprint venue level floor storey site
+    parcel outline perimeter address anchor section geofence kiosk amenity road street path tree
+"""
+_OUTSIDE = frozenset(_OUTSIDE_NAMES.split())
+"""Kinds of polygons beside rooms in files that name no room in English."""
+_WIDEST_M = WALL_FACES_APART_M.high
 _IMDF_PARTS = ("unit", "opening", "level", "fixture")
 MAX_ARCHIVE_BYTES = 200_000_000
 MAX_DEGREES = 0.1
@@ -49,7 +57,7 @@ _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 class _Feature:
     area: BaseGeometry
     name: str
-    level: str
+    properties: Properties
 
 
 @dataclass(frozen=True)
@@ -93,6 +101,7 @@ class _Features:
     rooms: list[_Feature]
     level: str
     levels: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
 
     @property
     def bounding(self) -> list[_Feature]:
@@ -116,6 +125,7 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
     collections, fingerprint = _load(path)
     features = _sorted_features(path, options, collections)
     frame = _frame([f.area for f in features.bounding], options, collections)
+    features = _told_by_width(features, frame)
     source = _source(features, frame, "IMDF" if len(collections) > 1 else "GeoJSON")
     areas = [frame.local(f.area) for f in features.walls]
     solid = [a for a in areas if a.geom_type.endswith("Polygon")]
@@ -140,29 +150,91 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
 def _sorted_features(
     path: Path, options: PlanOptions, collections: list[tuple[str, Any]]
 ) -> _Features:
-    """Walls, openings and rooms of the storey that is asked for.
+    """Walls, openings and rooms of the storey that is asked for. What is told to be neither by the name of
+    its kind is among the walls, for `_told_by_width`.
 
     Raises:
-        FloorplanError: there is no such storey, or neither walls nor rooms on it.
+        FloorplanError: there is no such storey, or nothing that could bound rooms on it.
     """
     features = [f for kind, data in collections for f in _features(path, kind, data)]
-    used = {f.level for f in features if f.level}
-    names = level_names(collections, used)
-    level = chosen_level(path, options.storey, names, used)
-    here = [f for f in features if not f.level or f.level == level]
-    walls = [f for f in here if role_of(f.name) == Role.WALL]
-    openings = [f for f in here if role_of(f.name) == Role.OPENING]
-    rooms = [f for f in here if _is_room(f.name) and f.area.geom_type.endswith("Polygon")]
-    if options.layers:
-        walls, rooms = [f for f in here if f.name in options.layers], []
+    is_wall, is_room, is_opening = _kinds(path, features, options.layers)
+    areas, properties = [f.area for f in features], [f.properties for f in features]
+    told = told_storeys(properties, np.flatnonzero(is_wall | is_room).tolist(), areas)
+    names = level_names(collections, told.order)
+    level = chosen_level(path, options.storey, names, told.order)
+    is_here = np.array([not each or each == level for each in told.of_feature], dtype=bool)
+    walls, rooms, openings, here = (
+        [features[i] for i in np.flatnonzero(is_here & mask)]
+        for mask in (is_wall, is_room, is_opening, np.ones(len(features), dtype=bool))
+    )
     if not walls and not rooms:
         kinds = sorted({f.name for f in here if f.name})
         raise FloorplanError(
             f"{path}: expected walls or rooms, found {len(here)} features"
-            f"{' of the kinds ' if kinds else ''}{', '.join(kinds[:10])}; name walls 'wall' and rooms 'room' "
-            "in their property 'category' or 'type'"
+            f"{' of the kinds ' if kinds else ''}{', '.join(kinds[:10])}; rooms are polygons, walls "
+            "polygons or lines that are named 'wall' in their property 'category' or 'type'"
         )
-    return _Features(here, walls, openings, rooms, names.get(level, ""), tuple(names.values()))
+    return _Features(
+        here, walls, openings, rooms, names.get(level, ""), tuple(names.values()), told.warnings
+    )
+
+
+def _kinds(
+    path: Path, features: list[_Feature], layers: tuple[str, ...]
+) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Which features are walls, rooms and openings: as the user says, or by the names of their kinds. Where
+    no name tells a wall or a room, all polygons are rooms, in whatever language their kinds are.
+
+    Raises:
+        FloorplanError: the user names a kind that there is not.
+    """
+    roles = np.array([role_of(f.name) for f in features], dtype=int)
+    is_polygon = np.array([f.area.geom_type.endswith("Polygon") for f in features], dtype=bool)
+    is_opening = roles == Role.OPENING
+    if layers:
+        names = tuple(sorted({f.name for f in features}))
+        chosen = dict(zip(names, chosen_layers(path, layers, names), strict=True))
+        is_chosen = np.array([chosen[f.name] for f in features], dtype=bool)
+        return is_chosen, np.zeros(len(features), dtype=bool), is_opening
+    is_wall = roles == Role.WALL
+    is_room = np.array([_is_room(f.name) for f in features], dtype=bool) & is_polygon
+    if not (is_wall | is_room).any():
+        is_outside = np.array([bool(words_of(f.name) & _OUTSIDE) for f in features], dtype=bool)
+        is_wall = is_polygon & ~is_opening & ~is_outside
+    return is_wall, is_room, is_opening
+
+
+def _told_by_width(features: _Features, frame: _Frame) -> _Features:
+    """Polygons of a kind whose name does not say wall are rooms where they are wider than walls; of those,
+    outlines of storeys and furniture are left out."""
+    unnamed = [f for f in features.walls if role_of(f.name) != Role.WALL]
+    wide = [f for f in unnamed if _width_m(frame.local(f.area)) > _WIDEST_M * frame.likely_metre]
+    if not wide or len(wide) < len(unnamed) / 2:
+        return features
+    walls = [f for f in features.walls if f.area.geom_type.endswith("LineString")]
+    walls += [f for f in features.walls if role_of(f.name) == Role.WALL]
+    rooms = [*features.rooms, *_without_nested(wide)]
+    return replace(features, walls=walls, rooms=rooms)
+
+
+def _width_m(area: BaseGeometry) -> float:
+    """About the width of a long area, and half the side of a square one; 0 of lines."""
+    return 2.0 * area.area / max(area.length, 1e-12)
+
+
+def _without_nested(features: list[_Feature]) -> list[_Feature]:
+    """Areas that neither hold others that fill more than half of them, as outlines of a storey do, nor lie in
+    another, as furniture does."""
+    areas = np.array([f.area for f in features], dtype=object)
+    size = shapely.area(areas)
+    outer, inner = shapely.STRtree(areas).query(areas, predicate="covers")
+    outer, inner = outer[size[inner] < size[outer]], inner[size[inner] < size[outer]]
+    is_outline = np.array(
+        [shapely.union_all(areas[inner[outer == k]]).area > size[k] / 2 for k in range(len(areas))]
+    )
+    is_inside = np.zeros(len(areas), dtype=bool)
+    is_inside[inner[~is_outline[outer]]] = True
+    return [features[k] for k in np.flatnonzero(~is_outline & ~is_inside)]
 
 
 def _source(features: _Features, frame: _Frame, kind: str) -> PlanSource:
@@ -176,7 +248,7 @@ def _source(features: _Features, frame: _Frame, kind: str) -> PlanSource:
         storeys=features.levels,
         layers=tuple(sorted({f.name for f in features.bounding})),
         dropped=_left_out(features),
-        warnings=frame.warnings,
+        warnings=(*frame.warnings, *features.warnings),
         file_from_plan=frame.file_from_local,
         drawn_lines=longest(outlines([f.area for f in used])),
         dropped_lines=longest(outlines(unused)),
@@ -202,7 +274,7 @@ def _plan_of_lines(
         source.kind,
         np.eye(3),
     )
-    warnings = (*frame.warnings, *plan.source.warnings)
+    warnings = (*source.warnings, *plan.source.warnings)
     return replace(plan, source=replace(source, warnings=warnings))
 
 
@@ -272,14 +344,16 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
             continue
         named = next((str(properties[k]) for k in _NAMING if properties.get(k)), "")
         part = kind or str(feature.get("feature_type") or "")
-        if part == "opening":
-            named = "opening"
+        if part == "opening" or (part in _OUTSIDE and not _is_room(named)):
+            named = part
         elif part == "unit" and role_of(named) != Role.WALL and named != "structure":
             named = named if named in _ROOMS else "room"
-        level = next(
-            (str(properties[k]) for k in ("level_id", "level") if properties.get(k) is not None), ""
-        )
-        found.append(_Feature(shapely.force_2d(shapely.make_valid(area)), named, level))
+        scalars = {
+            str(key): float(value) if isinstance(value, int | float) else value
+            for key, value in properties.items()
+            if isinstance(value, str | int | float) and value != ""
+        }
+        found.append(_Feature(shapely.force_2d(shapely.make_valid(area)), named, scalars))
     return found
 
 

@@ -7,14 +7,14 @@ from planfit.errors import FloorplanError
 from planfit.runtime import whole_number
 
 
-def level_names(collections: Sequence[tuple[str, Any]], used: set[str]) -> dict[str, str]:
+def level_names(collections: Sequence[tuple[str, Any]], used: Sequence[str]) -> dict[str, str]:
     """Names of levels by what features call them, from the lowest on; those without a name by that itself.
 
     Two of one name, as the ground floors of two buildings, are told apart by a number.
 
     Args:
         collections: pairs of (name of the part, parsed JSON).
-        used: levels that features are on.
+        used: levels that features are on, from the lowest on as far as is known.
     """
     found: dict[str, tuple[float, str]] = {}
     for kind, data in collections:
@@ -31,7 +31,7 @@ def level_names(collections: Sequence[tuple[str, Any]], used: set[str]) -> dict[
             found[str(feature["id"])] = (order, _words(properties))
     names: dict[str, str] = {}
     listed = sorted(found, key=lambda level: (found[level][0], level))
-    for level in [*listed, *sorted(used - set(found))]:
+    for level in [*listed, *(level for level in used if level not in found)]:
         name = found[level][1] if level in found else ""
         name = name or level
         n_alike = sum(n == name or n.startswith(f"{name} (") for n in names.values())
@@ -50,7 +50,7 @@ def _words(properties: dict[str, Any]) -> str:
     return ""
 
 
-def chosen_level(path: object, wanted: str, names: dict[str, str], used: set[str]) -> str:
+def chosen_level(path: object, wanted: str, names: dict[str, str], used: Sequence[str]) -> str:
     """The level that is asked for by name, number from 0 or what features call it; where none is, the lowest
     with features.
 

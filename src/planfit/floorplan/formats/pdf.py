@@ -3,7 +3,7 @@
 import ctypes
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +17,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.dxf_blocks import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_layers import hidden_layers, layer_of
+from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
@@ -26,6 +27,10 @@ from planfit.floorplan.vector.strokes import Pen
 
 MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
+LARGE_PICTURE = 1 / 3
+"""Of the page: what covers less is a logo, a photograph or a key map beside the drawing."""
+TOGETHER = 0.05
+"""Of a plan's size, the widest gap between walls of one building."""
 PICTURE_DPI = (72.0, 300.0)
 """Pictures on a page are looked at as fine as they are, within this: enlarged, what is drawn beside walls
 grew as thick as walls are (precision .79 instead of .92; .18 instead of .99 with a photograph beside)."""
@@ -57,6 +62,16 @@ except (pdfium.PdfiumError, IndexError):
 """
 
 
+@dataclass(frozen=True)
+class _Pictures:
+    """What a page holds of pictures."""
+
+    dpi: float
+    """Of the finest, pixels an inch; 0 where there is none."""
+    page_share: float
+    """Of the page, what the largest covers."""
+
+
 def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
     """Wall faces of one page; the file's coordinates are points, from the lower left of the page as it
     is shown, y up.
@@ -75,15 +90,14 @@ def read_pdf(path: Path, options: PlanOptions) -> Floorplan:
             )
         page = document[options.page - 1]
         hidden, warning = _hidden_layers(data)
-        drawing, picture_dpi = _drawing(page, path, hidden)
+        drawing, pictures = _drawing(page, path, hidden)
         n_others = len(document) - 1
-        if picture_dpi > 0 and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
-            floorplan = _read_as_picture(page, path, options, picture_dpi)
+        if pictures.dpi > 0 and len(drawing.lines) + len(drawing.fills) < MIN_PARTS:
+            floorplan = _read_as_picture(page, path, options, pictures.dpi)
+        elif pictures.page_share < LARGE_PICTURE:
+            floorplan = _read_as_drawing(drawing, path, options)
         else:
-            on_paper = options.on_paper(METRES_PER_POINT)
-            floorplan = plan_of_drawing(
-                drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3)
-            )
+            floorplan = _read_both(page, drawing, pictures, path, options)
     finally:
         document.close()
     if n_others:
@@ -147,14 +161,75 @@ def _check_page_opens(path: Path, page: int, data: bytes) -> None:
     )
 
 
+def _read_as_drawing(drawing: VectorDrawing, path: Path, options: PlanOptions) -> Floorplan:
+    on_paper = options.on_paper(METRES_PER_POINT)
+    return plan_of_drawing(drawing, path, fingerprint_of(path), on_paper, "PDF drawing", np.eye(3))
+
+
+def _read_both(
+    page: pdfium.PdfPage,
+    drawing: VectorDrawing,
+    pictures: _Pictures,
+    path: Path,
+    options: PlanOptions,
+) -> Floorplan:
+    """A page with line work over a large picture: notes on a plan, or a plan on a photograph. Of its two
+    readings the one with more wall is taken, the drawing where they are nearly alike, as it is exact; what
+    became of the other is told.
+
+    Raises:
+        FloorplanError: neither shows walls.
+    """
+    try:
+        drawn = _read_as_drawing(drawing, path, options)
+    except FloorplanError:
+        drawn = None
+    for item in list(page.get_objects(max_depth=1)):
+        if raw.FPDFPageObj_GetType(item.raw) not in (raw.FPDF_PAGEOBJ_IMAGE, raw.FPDF_PAGEOBJ_FORM):
+            page.remove_obj(item)
+    lying = (
+        f"a picture covers {pictures.page_share:.0%} of the page and line work lies on it: read as"
+    )
+    try:
+        seen = _read_as_picture(page, path, options, pictures.dpi)
+    except FloorplanError:
+        if drawn is None:
+            raise
+        return drawn
+    if drawn is None:
+        return seen.with_warning(f"{lying} the picture; the line work alone shows no walls")
+    drawn_pt, seen_px = (_building_length(plan) for plan in (drawn, seen))
+    seen_pt = seen_px / _picture_scale(page, pictures.dpi)
+    if seen_pt < 2.0 * drawn_pt:
+        share = seen_pt / max(drawn_pt, 1e-9)
+        return drawn.with_warning(f"{lying} line work; the picture shows {share:.0%} as much wall")
+    return seen.with_warning(
+        f"{lying} the picture, without what lies on it; the line work shows {drawn_pt / seen_pt:.0%} as "
+        "much wall"
+    )
+
+
+def _building_length(plan: Floorplan) -> float:
+    """Length of the faces that hang together, as those of a building do, in the file's own unit."""
+    file_from_plan = plan.source.file_from_plan
+    scale = 1.0 if file_from_plan is None else float(np.hypot(*file_from_plan[:2, 0]))
+    group = groups_within(plan.ends, TOGETHER * max(plan.size))
+    return scale * float(np.bincount(group, plan.lengths).max())
+
+
+def _picture_scale(page: pdfium.PdfPage, picture_dpi: float) -> float:
+    """Pixels to a point at which a page is looked at that holds pictures as fine as `picture_dpi`."""
+    longer = max(page.get_size())
+    return min(float(np.clip(picture_dpi, *PICTURE_DPI)) / 72.0, MAX_PICTURE_PX / longer)
+
+
 def _read_as_picture(
     page: pdfium.PdfPage, path: Path, options: PlanOptions, picture_dpi: float
 ) -> Floorplan:
     # Here, not above: drawings need no OpenCV.
     from planfit.floorplan.formats.picture import fingerprint_with_mask, read_image
 
-    longer = max(page.get_size())
-    scale = min(float(np.clip(picture_dpi, *PICTURE_DPI)) / 72.0, MAX_PICTURE_PX / longer)
+    scale = _picture_scale(page, picture_dpi)
     bitmap = page.render(scale=scale, rev_byteorder=False)  # type: ignore[arg-type] - any number
     picture = bitmap.to_numpy()[..., :3]
     fingerprint = fingerprint_with_mask(path, options)
@@ -169,12 +244,13 @@ def _read_as_picture(
 
 def _drawing(
     page: pdfium.PdfPage, path: Path, hidden: frozenset[str]
-) -> tuple[VectorDrawing, float]:
-    """The line work of a page, and how fine the finest of its pictures is, pixels an inch; 0 without one."""
+) -> tuple[VectorDrawing, _Pictures]:
+    """The line work of a page, and what it holds of pictures."""
     builder = DrawingBuilder()
     seen_hidden: set[str] = set()
     shown_from_page = _shown_from_page(page)
-    picture_dpi = 0.0
+    picture_dpi, page_share = 0.0, 0.0
+    page_area = shapely.box(0.0, 0.0, *page.get_size())
     clips = _Clips()
     stack = [(page.raw, None, shown_from_page, 0, "")]
     n_objects = 0
@@ -205,10 +281,14 @@ def _drawing(
                 _add_path(builder, item, shown_from_item, layer)
             elif kind == raw.FPDF_PAGEOBJ_IMAGE:
                 picture_dpi = max(picture_dpi, _image_dpi(item, shown_from_item))
+                corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) @ shown_from_item.T
+                shown = shapely.intersection(shapely.Polygon(corners[:, :2]), page_area)
+                page_share = max(page_share, shown.area / page_area.area)
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
                 stack.append((owner, item, shown_from_item, depth + 1, layer))
     _add_texts(builder, page, shown_from_page)
-    return builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden))), picture_dpi
+    drawing = builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden)))
+    return drawing, _Pictures(picture_dpi, page_share)
 
 
 def _image_dpi(item, shown_from_item: Float[np.ndarray, "3 3"]) -> float:

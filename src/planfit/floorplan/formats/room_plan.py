@@ -19,6 +19,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
+from planfit.priors import DOOR_WIDTH_MOST_M
 
 MAX_SURFACES = 100_000
 MIN_FACE_M = 0.02
@@ -73,6 +74,8 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
     walls = [wall for wall in walls if wall.storey == storey]
     holes = [hole for kind in _KINDS for hole in _surfaces(path, content, kind)]
     holes = [hole for hole in holes if hole.storey == storey]
+    fronts = [hole for hole in holes if _is_front(hole)]
+    holes = [hole for hole in holes if not _is_front(hole)]
     height = float(np.median([wall.low_m for wall in walls])) + options.cut_height_m
     walls = [wall for wall in walls if wall.low_m <= height <= wall.high_m] or walls
     ends, openings, names = _cut(
@@ -86,6 +89,13 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the format")
     metres = 1.0 if unit.metres is None else unit.metres
     curved = sum(wall.is_curved for wall in walls)
+    warnings = [f"{curved} curved walls were read as straight"] if curved else []
+    if fronts:
+        width_m = sum(segments.lengths(front.ends[None])[0] for front in fronts)
+        warnings.append(
+            f"{len(fronts)} doors wider than {DOOR_WIDTH_MOST_M.value:g} m, {width_m:.3g} m together, are "
+            "fronts of glass or movable partitions: kept as wall"
+        )
     return Floorplan(
         str(path),
         ends * metres,
@@ -100,13 +110,19 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
             unit_from=unit.known_from,
             storey=str(storey) if len(storeys) > 1 else "",
             storeys=tuple(str(each) for each in storeys) if len(storeys) > 1 else (),
-            warnings=(f"{curved} curved walls were read as straight",) if curved else (),
+            warnings=tuple(warnings),
             file_from_plan=np.diag([1 / metres, -1 / metres, 1.0]),
             opening_lines=openings * (1.0, -1.0),
             opening_names=names,
             opening_ids=("",) * len(names),
         ),
     )
+
+
+def _is_front(hole: Surface) -> bool:
+    """Whether what is called a door is wider than any."""
+    width_m = float(segments.lengths(hole.ends[None])[0])
+    return hole.kind == "doors" and width_m > DOOR_WIDTH_MOST_M.value
 
 
 def _surfaces(path: Path, content: dict[str, Any], kind: str) -> list[Surface]:

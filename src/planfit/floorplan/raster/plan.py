@@ -20,6 +20,7 @@ from planfit.floorplan.plans_on_sheet import (
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choice import choose, with_paler_walls
 from planfit.floorplan.raster.doubts import find_doubts
+from planfit.floorplan.raster.escape_signs import SIGN_WORDS, without_signs
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import (
     STRAIGHT,
@@ -87,6 +88,9 @@ def plan_of_picture(
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
     check_size(name, image_bgr.shape[1], image_bgr.shape[0])
+    has_signs = False
+    if wall_mask is None:
+        image_bgr, has_signs = without_signs(image_bgr)
     upright = _upright(image_bgr, name) if wall_mask is None else make_upright(
         wall_mask.astype(np.float32))  # fmt: skip
     if wall_mask is not None:
@@ -117,6 +121,7 @@ def plan_of_picture(
     if wall_mask is None:
         for words in (photograph_words(image_bgr), surroundings_words(image_bgr)):
             plan = plan.with_warning(words) if words else plan
+    plan = plan.with_warning(SIGN_WORDS) if has_signs else plan
     if ink is not None:
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:

@@ -1,42 +1,21 @@
-"""Doors drawn as a quarter or half circle in a wall whose lines run on: outlines of rooms, thresholds."""
+"""Doors drawn with their swing in a wall whose lines run on: outlines of rooms, thresholds."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from jaxtyping import Float
-from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.arcs import fit_circle
+from planfit.floorplan.vector.door_swings import DoorSwing
 from planfit.floorplan.vector.double_lines import LineFaces
-from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.openings import TOLERANCE, curve_runs
 from planfit.geometry import segments
-from planfit.priors import DOOR_LEAF_WIDTH_M
 
-RADIUS_M = DOOR_LEAF_WIDTH_M.both
-RADIUS_THICKNESSES = (2.5, 25.0)
-"""Of leaves where the unit is unknown, in thicknesses of the usual wall."""
-SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)
-"""Of the leaf: one way, and both ways."""
 BESIDE = 0.15
 """A closed leaf lies in its wall, or beside a face by this share of its length: arcs begin at either edge."""
 IN_WALL_SHARE = 0.6
 MARGIN = 0.04
 """Of a leaf's length, at both ends of its opening: frames."""
-
-
-@dataclass(frozen=True)
-class DoorSwing:
-    """The arc of a leaf, in the drawing's unit."""
-
-    leaves: Float[np.ndarray, "2 2 2"]
-    """Where the closed leaf may lie. Of a quarter circle from its centre to either end; of a half circle from
-    its centre to its middle (a leaf that swings both ways), or from end to end (the arc of two leaves)."""
-    radius: float
-    has_leaf: tuple[bool, bool]
-    """Whether a line is drawn along each: the leaf, open."""
 
 
 @dataclass(frozen=True)
@@ -47,71 +26,6 @@ class OpenedDoors:
     openings: Float[np.ndarray, "k 2 2"]
     """What was cut from them."""
     n_doors: int
-
-
-def find_door_swings(
-    lines: Lines, metres_per_unit: float | None, usual_thickness: float
-) -> list[DoorSwing]:
-    """Arcs of about a quarter or half circle as long as doors are.
-
-    Args:
-        lines: of the drawing, in the order of the file.
-        metres_per_unit: None where it is unknown.
-        usual_thickness: of its walls, in its unit; it tells how long doors may be where the unit is unknown.
-    """
-    least, most = np.array(RADIUS_THICKNESSES) * usual_thickness
-    if metres_per_unit is not None:
-        least, most = np.array(RADIUS_M) / metres_per_unit
-    at, run = curve_runs(lines)
-    straight = lines.ends[~lines.is_curved]
-    # First ends, then second ends: a site's contours are thousands of curves, and of straight pieces.
-    tips = cKDTree(np.concatenate([straight[:, 0], straight[:, 1]]))
-    starts = np.flatnonzero(np.diff(run, prepend=-1))
-    found = []
-    for start, stop in zip(starts, np.append(starts[1:], len(run)), strict=True):
-        ends = lines.ends[at[start:stop]]
-        points = np.concatenate([ends[:, 0], ends[-1:, 1]])
-        swing = _swing_of(points, tips, (float(least), float(most)))
-        if swing is not None:
-            found.append(swing)
-    return found
-
-
-def _swing_of(
-    points: Float[np.ndarray, "n 2"], tips: cKDTree, radii: tuple[float, float]
-) -> DoorSwing | None:
-    """The circle through points, where they are a quarter or half of one with a radius between two; leaves
-    are among the straight lines, of which `tips` are all first ends and then all second ones."""
-    if len(points) < 4:
-        return None
-    circle = fit_circle(points)
-    if circle is None or not radii[0] < circle.radius < radii[1]:
-        return None
-    ends = points[[0, -1]]
-    spokes = (ends - circle.centre) / circle.radius
-    apart = np.rad2deg(np.arccos(np.clip(spokes[0] @ spokes[1], -1.0, 1.0)))
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    sweep = np.rad2deg(steps.sum() / circle.radius)  # of rough polylines less exact than the ends
-    if SWEEP_DEG[0] < apart < SWEEP_DEG[1] and sweep < HALF_DEG[0]:
-        leaves = np.stack([np.stack([circle.centre, end]) for end in ends])
-    elif apart > HALF_DEG[0] and HALF_DEG[0] < sweep < HALF_DEG[1]:
-        along = np.array([ends[0, 1] - ends[1, 1], ends[1, 0] - ends[0, 0]])
-        across = along * (circle.radius / np.linalg.norm(along))
-        is_ahead = (points[len(points) // 2] - circle.centre) @ across > 0
-        middle = circle.centre + (across if is_ahead else -across)
-        leaves = np.stack([np.stack([circle.centre, middle]), ends])
-    else:
-        return None
-    near = TOLERANCE * circle.radius
-    has_leaf = [_is_drawn(leaf, tips, near) for leaf in leaves]
-    return DoorSwing(leaves, circle.radius, (has_leaf[0], has_leaf[1]))
-
-
-def _is_drawn(leaf: Float[np.ndarray, "2 2"], tips: cKDTree, near: float) -> bool:
-    """Whether a line goes from one end of a leaf to the other, either way."""
-    at = np.array(tips.query_ball_point(leaf[0], near), dtype=int)
-    other = (at + tips.n // 2) % tips.n
-    return bool((np.linalg.norm(tips.data[other] - leaf[1], axis=1) < near).any())
 
 
 def open_doors(
@@ -127,12 +41,14 @@ def open_doors(
     """
     shapely.prepare(body)
     cuts: dict[int, list[tuple[float, float]]] = {}
-    n_doors = 0
+    n_doors, doorways = 0, []
     length, along = segments.lengths(faces.ends), segments.directions(faces.ends)
     left = segments.left_normals(faces.ends)
     for swing in swings:
-        leaf = _closed_leaf(swing, body)
+        gaps = _doorways(swing, body) if swing.is_one_leaf or swing.is_area else []
+        leaf = None if gaps else _closed_leaf(swing, body)
         if leaf is None:
+            doorways += gaps if swing.is_area else []
             continue
         across = np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], left)
         at = np.sort(np.einsum("nij,nj->ni", leaf[None] - faces.ends[:, :1], along), axis=1)
@@ -147,9 +63,23 @@ def open_doors(
             n_doors += 1
         for i in np.flatnonzero(is_cut):
             cuts.setdefault(int(i), []).append((float(low[i]), float(high[i])))
-    if not cuts:
-        return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
-    return cut_faces(faces, cuts, n_doors)
+    opened = OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
+    if cuts:
+        opened = cut_faces(faces, cuts, n_doors)
+    openings = np.concatenate([opened.openings, np.reshape(doorways, (-1, 2, 2))])
+    return replace(opened, openings=openings, n_doors=n_doors + len(doorways))
+
+
+def _doorways(swing: DoorSwing, body: BaseGeometry) -> list[Float[np.ndarray, "2 2"]]:
+    """The leaf that closes a gap of the walls, as the wall is open there already; none where neither does."""
+    near = BESIDE * swing.radius
+    return [
+        leaf
+        for leaf, is_drawn in zip(swing.leaves, swing.has_leaf, strict=True)
+        if not (is_drawn and swing.is_one_leaf)
+        and _share_in(body, leaf, near) == 1.0
+        and _share_in(body, leaf[0] + np.outer([0.3, 0.5, 0.7], leaf[1] - leaf[0]), near) == 0.0
+    ][:1]
 
 
 def _closed_leaf(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2 2"] | None:
@@ -160,14 +90,14 @@ def _closed_leaf(swing: DoorSwing, body: BaseGeometry) -> Float[np.ndarray, "2 2
         _share_in(body, (1 - shares) * leaf[0] + shares * leaf[1], 0.5 * BESIDE * swing.radius)
         for leaf in swing.leaves
     ]
+    if swing.is_area and swing.is_one_leaf:
+        inside[int(swing.has_leaf[1])] = 0.0
     best = int(np.argmax(inside))
-    if inside[best] < IN_WALL_SHARE:
+    if inside[best] < IN_WALL_SHARE or (swing.is_ajar and best == 0):
         return None
     if inside[best] > inside[1 - best] + 0.3:
         return swing.leaves[best]
-    if swing.has_leaf[0] == swing.has_leaf[1]:
-        return None
-    return swing.leaves[int(swing.has_leaf[0])]
+    return swing.leaves[int(swing.has_leaf[0])] if swing.is_one_leaf else None
 
 
 def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float) -> float:

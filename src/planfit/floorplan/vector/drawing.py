@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.stroke_fills import MANY, are_in_area, area_of_strokes
 from planfit.floorplan.vector.strokes import Pen, are_bodies, body_of_strokes
 
 ABSURD = 1e9
@@ -167,9 +168,10 @@ class DrawingBuilder:
         is_curved, is_dashed = numbers[:, 3].astype(bool), numbers[:, 4].astype(bool)
         lines = Lines(ends, layer, path, style, is_curved, is_dashed)
         lines = _uncovered(_clipped(lines, self._clips), self._covers)
+        lines, areas = _without_stroke_fills(lines, self._pens)
         lines, bodies = _without_bodies(lines, self._pens)
         return VectorDrawing(
-            lines, (*self.fills, *bodies),
+            lines, (*self.fills, *areas, *bodies),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
 
@@ -177,6 +179,25 @@ class DrawingBuilder:
 def is_dark(colour: tuple[int, int, int] | None) -> bool:
     """Black to light grey, or unknown: colours are for rooms."""
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
+
+
+def _without_stroke_fills(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:
+    """Lines without those that fill areas side by side, and these areas, one a layer and pen."""
+    fills: list[Fill] = []
+    if len(lines) < MANY:
+        return lines, fills
+    width = np.array([0.0 if pen is None else pen.width for pen in pens])[lines.path]
+    is_kept = np.ones(len(lines), dtype=bool)
+    may_be = (width > 0) & np.isfinite(lines.ends).all(axis=(1, 2))
+    kinds = np.stack([lines.layer, lines.style], axis=1)
+    for layer, style in np.unique(kinds[may_be], axis=0):
+        own = np.flatnonzero(may_be & (kinds == (layer, style)).all(axis=1))
+        area = area_of_strokes(lines.ends[own], float(width[own[0]]))
+        if not area.is_empty:
+            is_kept[own[are_in_area(lines.ends[own], area, float(width[own[0]]))]] = False
+            pen = pens[lines.path[own[0]]]
+            fills.append(Fill(area, int(layer), None if pen is None else pen.colour))
+    return lines.take(is_kept), fills
 
 
 def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:

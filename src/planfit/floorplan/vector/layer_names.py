@@ -66,9 +66,12 @@ _NO_WALL = """
     beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
     centreline header lintel demo demolition sketch projection furnishing furnishings millwork lvtry
+    circulation circulations route routes arrow arrows escape evacuation evac egress guide guides guideline
+    guidelines measurement measurements measure measures radiator radiators heater heaters
     garden gardens parking contour contours property vports zone zones elevation elevations
     mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
     hachures cartouche axe dallage carrelage sanitaire sanitaires plomberie faux-plafond plafond toiture
+    parcours cheminement cheminements fleche fleches mesure mesures radiateur radiateurs chauffage
     garde-corps poutre poutres poutrelle poutrelles solive solives
     mobel moebel mobiliar moblierung moeblierung inventar
     bemassung bemassungen bemaung masse masslinie masslinien masskette massketten treppe
@@ -76,13 +79,19 @@ _NO_WALL = """
     raster sanitar sanitaer kuche kueche decke decken unterdecke dach plankopf rahmen einrichtung
     trager traeger balken unterzug unterzuge unterzuege uberzug ueberzug sparren pfette pfetten
     ausstattung schrankwand duschwand leinwand abbruch projektion sanitarobjekte sanitaerobjekte elektro
-    heizung garten grundstuck grundstueck stellplatz stellplatze stellplaetze aussenanlagen ansicht ansichten
+    heizung heizkorper heizkoerper pfeil pfeile fluchtweg fluchtwege rettungsweg rettungswege laufweg laufwege
+    evakuierung hilfslinie hilfslinien messung messungen
+    garten grundstuck grundstueck stellplatz stellplatze stellplaetze aussenanlagen ansicht ansichten
     mobiliario moveis cota cotas texto textos escalera escaleras escada escadas eje ejes eixo eixos
     sombreado sombreados trama tramas sanitario sanitarios pavimento pavimentos baldosas cubierta techo techos
     falso-techo cajetin marco aparatos barandilla
+    circulacion recorrido recorridos ruta rutas evacuacion flecha flechas guia guias medida medidas
+    medicion mediciones radiador radiadores calefaccion
     viga vigas vigueta viguetas jacena jacenas
     mobili arredo arredi quota quote quotatura quotature testo testi scala scale assi campitura campiture
     retino retini tratteggio sanitari pavimenti controsoffitto copertura cartiglio squadratura ringhiera
+    circolazione percorso percorsi esodo evacuazione freccia frecce guida misura misure misurazioni
+    radiatore radiatori termosifone termosifoni riscaldamento
     trave travi architrave
     meubilair meubels maat maten maatvoering maatlijnen tekst teksten trap trappen arcering arceringen
     stramien plafonds plafond dak sanitair inrichting onderhoek
@@ -94,6 +103,7 @@ _NO_WALL = """
     קורה קורות ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
 """
 _NO_WALL_ENDS = """
+    fluchtweg fluchtwege rettungsweg rettungswege pfeil pfeile hilfslinie hilfslinien heizkorper heizkoerper
     mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken
     achse achsen raster leuchte leuchten lampe lampen schrank schranke schraenke belag belage
     stempel dammung daemmung maatvoering arcering tekst trap trappen meubilair verkleidung
@@ -121,7 +131,7 @@ def role_of(name: str) -> Role:
 
 @cache
 def _role_of(name: str) -> Role:
-    words = {folded(word) for word in _WORD.findall(_CAMEL.sub(" ", name))}
+    words = words_of(name)
     joined = {folded(word) for word in re.findall(r"[^\W\d_]+(?:-[^\W\d_]+)+", name)}
     every = words | joined
     if every & _words(_NO_WALL) or _ends(words, _NO_WALL_ENDS):
@@ -147,6 +157,11 @@ def _role_by_fields(name: str) -> Role:
     if code["code"] in _SFB_WALLS:
         return Role.WALL
     return Role.OPENING if code["code"] in _SFB_OPENINGS else Role.NO_WALL
+
+
+def words_of(name: str) -> set[str]:
+    """Words of a name, folded: floorId has floor and id."""
+    return {folded(word) for word in _WORD.findall(_CAMEL.sub(" ", name))}
 
 
 def folded(word: str) -> str:

@@ -17,6 +17,9 @@ from planfit.geometry import segments
 
 FRAME_LAYER, DIMENSION_LAYER = "frame of the sheet", "lines of dimensions"
 AXIS_LAYER, PLAIN_AXIS_LAYER = "axes with bubbles", "axes without bubbles"
+TABLE_LAYER, LEAST_RULES = "rules of tables", 8
+"""So many parallel lines from one margin to another, which meet nothing, are rules between rows of text. The
+steps of a stair end at its walls."""
 DASHED_LAYER, MOST_DASHED = "dashed lines", 0.35
 """Beams overhead, cupboards on walls, what is below: of the length of the lines; where more is dashed, walls
 are drawn so."""
@@ -58,14 +61,18 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
     of_dimension = np.zeros(len(lines), dtype=bool)
     rest = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~lines.is_curved)
     of_dimension[rest] = lines_of_dimensions(lines.take(rest), extent)
-    unknown = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension)
+    of_table = np.zeros(len(lines), dtype=bool)
+    rest = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension & ~lines.is_curved)
+    of_table[rest] = lines_of_tables(lines.ends[rest], extent)
+    unknown = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension & ~of_table)
     is_axis = np.zeros(len(lines), dtype=bool)
     is_axis[unknown] = lines_of_axes(lines.take(unknown), extent)
     unknown = unknown[~is_axis[unknown]]
     is_plain = np.zeros(len(lines), dtype=bool)
     is_plain[unknown] = lines_of_plain_axes(lines.take(unknown), extent)
     kinds = (
-        (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (AXIS_LAYER, is_axis),
+        (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (TABLE_LAYER, of_table),
+        (AXIS_LAYER, is_axis),
         (PLAIN_AXIS_LAYER, is_plain), (DASHED_LAYER, _are_dashed(lines, role) & ~is_plain),
     )  # fmt: skip
     for name, found in kinds:
@@ -138,19 +145,24 @@ def _innermost_frame(
             break
         points = ends[left].reshape(-1, 2)
         low, high = points.min(axis=0), points.max(axis=0)
-        on_side = _on_sides(ends, np.stack([low, high]), is_upright & left)
-        if on_side is None:
+        on_side, n_whole = _on_sides(ends, np.stack([low, high]), is_upright & left)
+        if n_whole < 3:
             break
-        box, found = np.stack([low, high]), on_side
+        if n_whole == 4:
+            box, found = np.stack([low, high]), on_side
+        else:
+            # A trim that marks for folding cross: another frame is within, or it is none.
+            near = ON * float((high - low).max())
+            on_side |= (np.minimum(ends - low, high - ends) < near).any(axis=(1, 2))
         left &= ~on_side
     return box, found
 
 
 def _on_sides(
     ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], may: Bool[np.ndarray, " n"]
-) -> Bool[np.ndarray, " n"] | None:
-    """Lines on the sides of a box; None where one of them is not drawn all along."""
-    size = box[1] - box[0]
+) -> tuple[Bool[np.ndarray, " n"], int]:
+    """Lines on the sides of a box, and how many of these are drawn all along."""
+    size, n_whole = box[1] - box[0], 0
     near = ON * float(size.max())
     result = np.zeros(len(ends), dtype=bool)
     for axis in (0, 1):
@@ -158,14 +170,11 @@ def _on_sides(
             at = np.flatnonzero(
                 may & (np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < near)
             )
-            if len(at) == 0:
-                return None
             other = np.sort(ends[at][:, :, 1 - axis], axis=1)
             covered = covered_lengths(np.zeros(len(at), dtype=int), other[:, 0], other[:, 1], 1)
-            if covered[0] < WHOLE * size[1 - axis]:
-                return None
+            n_whole += int(covered[0] >= WHOLE * size[1 - axis])
             result[at] = True
-    return result
+    return result, n_whole
 
 
 def _is_hugged(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
@@ -187,6 +196,25 @@ def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
     area, whole = float(np.prod(high - low)), float(np.prod(box[1] - box[0]))
     return bool((along > np.cos(1e-3)).mean() > 0.8) and area < TITLE_SHARE * whole
+
+
+def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.ndarray, " n"]:
+    """Many parallel lines that begin and end at the same two margins and meet no other line."""
+    n, near = len(ends), ON * extent
+    result = np.zeros(n, dtype=bool)
+    along = np.abs(segments.directions(ends))
+    strings = line_strings(ends)
+    for axis in (0, 1):
+        at = np.flatnonzero((along[:, axis] > np.cos(1e-3)) & (segments.lengths(ends) > 10 * near))
+        margins = np.round(np.sort(ends[at][:, :, axis], axis=1) / near).astype(int)
+        _, group, count = np.unique(margins, axis=0, return_inverse=True, return_counts=True)
+        for k in np.flatnonzero(count >= LEAST_RULES):
+            own = at[group.ravel() == k]
+            others = np.setdiff1d(np.arange(n), own)
+            line, _ = shapely.STRtree(strings[others]).query(strings[own], "dwithin", distance=near)
+            free = np.setdiff1d(own, own[line])
+            result[free] = len(free) >= LEAST_RULES
+    return result
 
 
 def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:

@@ -22,7 +22,13 @@ from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.closed_bodies import rest_of_bodies
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
 from planfit.floorplan.vector.door_jambs import open_jambs
-from planfit.floorplan.vector.doors import OpenedDoors, find_door_swings, open_doors
+from planfit.floorplan.vector.door_swings import (
+    DoorSwing,
+    door_radii,
+    find_door_swings,
+    without_sectors,
+)
+from planfit.floorplan.vector.doors import OpenedDoors, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
     estimate_thickness,
@@ -35,6 +41,7 @@ from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
+from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.floorplan.vector.room_edges import (
@@ -133,11 +140,15 @@ def walls_of_drawing(
     lines = drawing.lines.take(looked_at)
     dropped: list[str] = []
     is_row = _are_in_rows(lines, extent, metres_per_unit)
+    radii = door_radii(metres_per_unit, None, extent)
+    swings = find_door_swings(lines, radii)
+    fills, sectors = without_sectors(drawing.fills, radii)
+    drawing, swings = replace(drawing, fills=fills), [*swings, *sectors]
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
     solids, rooms = _solids_and_rooms(drawing, roles, lines, is_row, extent)
     pieces = closed_pieces(lines, roles, bounds[1])
-    has_form, words = _have_form_of_faces(lines, is_row)
+    has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
     is_left_out[looked_at[has_form]] = False
@@ -148,24 +159,32 @@ def walls_of_drawing(
         dropped.append(f"panes and sills of {len(windows.openings) // 2} windows in double lines")
     if rooms:
         dropped.append(f"line work inside {len(rooms)} filled or hatched rooms")
+    wall = shapely.Polygon()
+    if metres_per_unit is None and not (solids or pieces.areas or rooms):
+        wall = outer_wall(lines.take(has_form), bounds[1], extent)
+        on_wall = shapely.buffer(wall, 1e-3 * extent, join_style="mitre")
+        candidates = candidates.take(~shapely.covers(on_wall, line_strings(candidates.ends)))
     found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
+    if not wall.is_empty:
+        found = replace(found, parts=[*found.parts, _faces_of_solid(wall, extent)])
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
     faces, apart = _main_part(LineFaces.together(found.parts), extent)
-    doors = _open_doors(faces, lines, metres_per_unit, bounds[1], extent)
+    doors = _open_doors(faces, swings, metres_per_unit, bounds[1], extent)
     others = open_jambs(doors, lines.ends[has_form], extent)
     faces = others.faces
     n_windows, n_others = len(windows.openings) // 2, len(others.openings) // 2
     doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
-        dropped.append(f"lines that ran through {doors_are} drawn as quarter or half circles")
+        dropped.append(f"lines that ran through {doors_are} drawn with their swing")
     if n_others:
         dropped.append(f"lines that ran through {_counted(n_others, 'opening')} between jambs")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = lengths_by_layer(drawing, roles, found.candidates, faces)
-    names = [drawing.layers[fill.layer] for fill in drawing.fills] if solids or rooms else []
+    of_fills = {fill.layer for fill in drawing.fills if roles[fill.layer] != Role.NO_WALL}
+    names = [drawing.layers[layer] for layer in of_fills] if solids or rooms else []
     names += [drawing.layers[i] for i in np.unique(pieces.layer)]
     used = [each.name for each in by_layer if each.taken > 0]
     return DrawnWalls(
@@ -204,15 +223,28 @@ def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _open_doors(
-    faces: LineFaces, lines: Lines, metres_per_unit: float | None, most: float, extent: float
+    faces: LineFaces,
+    swings: list[DoorSwing],
+    metres_per_unit: float | None,
+    most: float,
+    extent: float,
 ) -> OpenedDoors:
-    """Faces cut where doors are drawn in them."""
+    """Faces cut where doors are drawn in them. Where nothing tells how large doors are, as walls have no
+    thickness, those count whose leaf is drawn."""
     known = np.isfinite(faces.thickness)
-    if not known.any() or not lines.is_curved.any():
+    usual = None
+    if known.any():
+        usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
+    least, widest = door_radii(metres_per_unit, usual, extent)
+    is_size_known = metres_per_unit is not None or usual is not None
+    doors = [
+        swing
+        for swing in swings
+        if least < swing.radius < widest and (is_size_known or any(swing.has_leaf))
+    ]
+    if not doors or len(faces.ends) == 0:
         return OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
-    usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
-    swings = find_door_swings(lines, metres_per_unit, usual)
-    return open_doors(faces, swings, body_of_faces(faces, extent), most)
+    return open_doors(faces, doors, body_of_faces(faces, extent), most)
 
 
 def _are_in_rows(
@@ -249,10 +281,12 @@ def _solids_and_rooms(
 
 
 def _have_form_of_faces(
-    lines: Lines, is_row: Bool[np.ndarray, " n"]
+    lines: Lines, is_row: Bool[np.ndarray, " n"], swings: list[DoorSwing]
 ) -> tuple[Bool[np.ndarray, " n"], list[str]]:
     """Lines that are neither in rows, nor curved, nor open doors; and what the others are, in words."""
     is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, *arcs_of_lines(lines))
+    for swing in swings:
+        is_leaf[swing.leaf_lines] = True
     words = []
     if is_row.any():
         words.append(f"{is_row.sum()} lines in rows at equal distance (hatches, stairs)")

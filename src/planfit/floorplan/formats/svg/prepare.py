@@ -4,6 +4,7 @@ import gzip
 import math
 import xml.etree.ElementTree as ET
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from xml.parsers import expat
 
@@ -16,6 +17,8 @@ MAX_REPEATED = 300_000
 """Elements that an SVG may have once each `use` is replaced by what it names."""
 GROUP_TRANSFORM = "data-planfit-transform"
 """Attribute of a group whose own transform moved into its shapes: from its user space to the root's."""
+PARSE_ERRORS = (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError)
+"""What svgelements raises of elements that it cannot read."""
 _SVG = "{http://www.w3.org/2000/svg}"
 _GROUPS = {f"{_SVG}{name}" for name in ("g", "a", "switch")}
 _APART = {
@@ -152,6 +155,21 @@ def set_symbols_apart(root: ET.Element) -> None:
         definitions = ET.Element(f"{_SVG}defs")
         definitions.append(symbol)
         parent[k] = definitions
+
+
+def drop_broken(root: ET.Element, read: Callable[[ET.Element], object]) -> int:
+    """Take out the elements that cannot be read alone, which draw nothing by the standard; their number."""
+    n_broken = 0
+    for parent in list(root.iter()):
+        for child in [child for child in parent if len(child) == 0 and isinstance(child.tag, str)]:
+            alone = ET.Element(f"{_SVG}svg")
+            alone.append(child)
+            try:
+                read(alone)
+            except PARSE_ERRORS:
+                parent.remove(child)
+                n_broken += 1
+    return n_broken
 
 
 def flatten_transforms(root: ET.Element) -> None:

@@ -30,6 +30,8 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
+    PARSE_ERRORS,
+    drop_broken,
     flatten_transforms,
     load_safely,
     set_symbols_apart,
@@ -38,6 +40,7 @@ from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
@@ -46,11 +49,13 @@ from planfit.priors import PAPER_WIDTH_MOST_M
 PIXELS_PER_INCH = 96.0
 """Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
+_SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
 LIGHT, PAPER, WHITE = 200, 235, 245
 """Of 255, of every colour: paper and floors; paper, tinted and white."""
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
+_IFC_CLASS = re.compile(r"\bIfc[A-Z]\w+")
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
 
 
@@ -65,18 +70,22 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         FloorplanError: the file is no SVG, declares entities, or shows no walls.
     """
     root, n_references = load_safely(path)
-    svg, not_understood = _parsed(root, path)
+    svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
+    are_classes_telling = any(_names_a_wall(element) for element in svg.elements())
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
     hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
-    _add_group(builder, svg, svg, "", None, hides_white)
+    _add_group(builder, svg, svg, "", None, hides_white, are_classes_telling)
     drawing = builder.build(unit="paper")
     if _is_own(svg):
         drawing = _in_own_units(drawing, svg)
     elif _is_in_true_size(svg):
         metres = 0.0254 / PIXELS_PER_INCH
         drawing = replace(drawing, metres_per_unit=metres, unit="1/96 in")
+    elif (scale := _told_scale(svg)) is not None:
+        metres = scale * 0.0254 / PIXELS_PER_INCH
+        drawing = replace(drawing, metres_per_unit=metres, unit=f"1/96 in at 1:{scale:g}")
     not_followed = (
         f"{n_references} references to other files were not followed"
         if n_references > 1
@@ -103,6 +112,10 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         "SVG drawing",
         file_from_drawing,
     )
+    if n_broken:
+        words = f"{n_broken} broken elements, which draw nothing"
+        dropped = (words, *floorplan.source.dropped)
+        floorplan = replace(floorplan, source=replace(floorplan.source, dropped=dropped))
     for words in (*([not_followed] if n_references else []), *not_understood):
         floorplan = floorplan.with_warning(words)
     return floorplan
@@ -129,35 +142,72 @@ def _in_own_units(drawing: VectorDrawing, svg: SVG) -> VectorDrawing:
     )
 
 
+def _told_scale(svg: SVG) -> float | None:
+    """N of a page in units of length that says `data-scale="1:N"`, as Bonsai and IfcOpenShell write."""
+    own = (svg.values or {}).get("attributes") or {}
+    told = _SCALE.fullmatch(str(own.get("data-scale", "")))
+    if told is None or not _has_lengths(own) or not float(told.group(1)) > 0.0:
+        return None
+    return float(told.group(1))
+
+
+def _has_lengths(own: dict[str, str]) -> bool:
+    """Whether the attributes of a page give its size in units of length."""
+    return all(_LENGTH.fullmatch(str(own.get(name, ""))) for name in ("width", "height"))
+
+
 def _is_in_true_size(svg: SVG) -> bool:
     """Whether the page is given in units of length, and larger than any paper."""
-    own = (svg.values or {}).get("attributes") or {}
-    if not all(_LENGTH.fullmatch(str(own.get(name, ""))) for name in ("width", "height")):
+    if not _has_lengths((svg.values or {}).get("attributes") or {}):
         return False
     side_px = min(float(str(svg.width)), float(str(svg.height)))
     return side_px * 0.0254 / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
 
 
-def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...]]:
-    """The drawing, and what of its styles was not understood."""
+def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...], int]:
+    """The drawing, what of its styles was not understood, and how many elements are broken and left out."""
     try:
         not_understood = apply_styles(root)
     except FloorplanError as error:
         raise FloorplanError(f"{path}: {error}") from error
     set_symbols_apart(root)
     flatten_transforms(root)
+    n_broken = 0
     try:
-        svg = SVG.parse(
-            io.BytesIO(ET.tostring(root, encoding="utf-8")), reify=True, ppi=PIXELS_PER_INCH
-        )
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError) as error:
-        raise FloorplanError(
-            f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "
-            f"{error}); save it again as plain SVG"
-        ) from error
+        svg = _drawing_of(root)
+    except PARSE_ERRORS:
+        n_broken = drop_broken(root, _drawing_of)
+        try:
+            svg = _drawing_of(root)
+        except PARSE_ERRORS as error:
+            raise FloorplanError(
+                f"{path}: expected an SVG, found one that cannot be read ({type(error).__name__}: "
+                f"{error}); save it again as plain SVG"
+            ) from error
     if not isinstance(svg, SVG):
         raise FloorplanError(f"{path}: expected an SVG, found another XML file")
-    return svg, not_understood
+    return svg, not_understood, n_broken
+
+
+def _drawing_of(root: ET.Element) -> object:
+    text = ET.tostring(root, encoding="utf-8")
+    return SVG.parse(io.BytesIO(text), reify=True, ppi=PIXELS_PER_INCH)
+
+
+def _names_a_wall(element) -> bool:
+    own = (element.values or {}).get("attributes") or {}
+    return "IfcWall" in (own.get("class") or "")
+
+
+def _class_of(element) -> str:
+    """Classes of an element: layers in drawings that Bonsai and IfcOpenShell make of models. What they see of
+    doors and windows below the cut is the opening all the same."""
+    own = (element.values or {}).get("attributes") or {}
+    words = own.get("class") or ""
+    is_opening = role_of(words.replace("projection", "")) == Role.OPENING
+    kinds = _IFC_CLASS.findall(words)
+    seen = " projection" if "projection" in words.split() and not is_opening else ""
+    return f"{kinds[0]}{seen}" if kinds else words
 
 
 def _add_group(
@@ -167,24 +217,30 @@ def _add_group(
     layer: str,
     clip: BaseGeometry | None,
     hides_white: bool,
+    are_classes_telling: bool,
 ) -> None:
     """Shapes of a group and those within; `layer` is the innermost name given by a person, `hides_white`
-    whether white lines hide what is under them."""
+    whether white lines hide what is under them, `are_classes_telling` whether classes name layers."""
     own = (group.values or {}).get("attributes") or {}
-    layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or layer
+
+    def told(element) -> str:
+        named = _class_of(element) if are_classes_telling else ""
+        return named if role_of(named) != Role.UNKNOWN else ""
+
+    layer = own.get(_LABEL) or told(group) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
         if _is_clear(element):
             continue
         if isinstance(element, Group | Use):
-            _add_group(builder, svg, element, layer, clip, hides_white)
+            _add_group(builder, svg, element, layer, clip, hides_white, are_classes_telling)
         elif element.values.get("visibility") in ("hidden", "collapse"):
             continue
         elif isinstance(element, Shape):
             builder.clip = _narrowed(svg, element, clip)
-            _add_shape(builder, element, layer, hides_white)
+            _add_shape(builder, element, told(element) or layer, hides_white)
         elif isinstance(element, SvgText):
-            _add_text(builder, element, layer)
+            _add_text(builder, element, told(element) or layer)
 
 
 def _is_clear(element) -> bool:

@@ -1,0 +1,142 @@
+"""Storeys of GeoJSON: told by whatever property keeps rooms apart that lie on one another.
+
+Exporters call it level, floorId, etage, baseHeight or anything else. What storeys are, geometry knows: two
+rooms of one storey share no ground. So the property of which no value holds two such rooms tells them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from jaxtyping import Bool, Int
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.layer_names import words_of
+
+Properties = Mapping[str, str | float]
+"""Of one feature: those that are texts or numbers."""
+
+STANDARD = ("level_id", "level")
+"""Of IMDF, and of indoor maps in OpenStreetMap."""
+_STOREY_NAMES = """
+    level floor storey story etage niveau geschoss stockwerk planta piso andar piano livello
+    verdieping bouwlaag plan vaning kerros pietro kat
+"""
+_STOREY_WORDS = frozenset(_STOREY_NAMES.split())
+_OVERLAP = 0.05
+"""Of the smaller room: neighbours that are drawn to the middle of their wall share less."""
+_WITHIN = 0.95
+"""A smaller area of which so much lies in another is in it: a cupboard in its room."""
+_KEPT_APART = 0.95
+"""Of the pairs that lie on one another: some shafts and galleries are drawn on two storeys."""
+
+
+@dataclass(frozen=True)
+class ToldStoreys:
+    """Storey of each feature, and how it is known."""
+
+    of_feature: tuple[str, ...]
+    """As the file calls it; empty where a feature tells none, as it is on all."""
+    order: tuple[str, ...]
+    """From the lowest on."""
+    warnings: tuple[str, ...] = ()
+
+
+def told_storeys(
+    properties: Sequence[Properties], rooms: Sequence[int], areas: Sequence[BaseGeometry]
+) -> ToldStoreys:
+    """By the standard properties, else by one that keeps `rooms` apart, else by the order in the file.
+
+    Args:
+        properties: of all features.
+        rooms: which of them bound the plan.
+        areas: of all features, any unit.
+    """
+    standard = [
+        next((str(each[key]) for key in STANDARD if key in each), "") for each in properties
+    ]
+    pairs, are_crossing = _lying_on_one_another([areas[i] for i in rooms])
+    if any(standard) or not len(pairs):
+        return ToldStoreys(tuple(standard), _in_order(standard, properties))
+    of_rooms = [properties[i] for i in rooms]
+    keys = list(dict.fromkeys(key for each in of_rooms for key in each))
+    named = [key for key in keys if words_of(key) & _STOREY_WORDS]
+    found = [key for key in named if _keeps_apart(of_rooms, key, pairs)]
+    pairs = pairs[are_crossing]
+    if not found and len(pairs):
+        everywhere = [key for key in keys if all(key in each for each in of_rooms)]
+        found = [key for key in everywhere if _keeps_apart(of_rooms, key, pairs)]
+        found.sort(key=lambda key: len({each[key] for each in of_rooms}))
+        found = found if found and len({each[found[0]] for each in of_rooms}) < len(rooms) else []
+    if found:
+        told = [str(each.get(found[0], "")) for each in properties]
+        return ToldStoreys(tuple(told), _in_order(told, properties))
+    if not len(pairs):
+        return ToldStoreys(("",) * len(properties), ())
+    return _by_order_of_file(len(properties), rooms, pairs)
+
+
+def _lying_on_one_another(
+    areas: Sequence[BaseGeometry],
+) -> tuple[Int[np.ndarray, "k 2"], Bool[np.ndarray, " k"]]:
+    """Pairs of areas that share ground, and which of these are not one within a larger one."""
+    shapes = np.array(areas, dtype=object)
+    i, j = shapely.STRtree(shapes).query(shapes, predicate="intersects")
+    i, j = i[i < j], j[i < j]
+    size = shapely.area(shapes)
+    shared = shapely.area(shapely.intersection(shapes[i], shapes[j]))
+    smaller, larger = np.minimum(size[i], size[j]), np.maximum(size[i], size[j])
+    is_lying = shared > _OVERLAP * smaller
+    is_within = (shared > _WITHIN * smaller) & (smaller < _WITHIN * larger)
+    return np.stack([i, j], axis=1)[is_lying], ~is_within[is_lying]
+
+
+def _keeps_apart(rooms: Sequence[Properties], key: str, pairs: Int[np.ndarray, "k 2"]) -> bool:
+    values = [each.get(key) for each in rooms]
+    return sum(values[i] != values[j] for i, j in pairs) >= _KEPT_APART * len(pairs)
+
+
+def _in_order(told: Sequence[str], properties: Sequence[Properties]) -> tuple[str, ...]:
+    """Values that are told, by their number; else by a number that each feature has, one on each storey, as
+    a height above ground; else as text."""
+    values = sorted({value for value in told if value})
+    if all(_is_number(value) for value in values):
+        return tuple(sorted(values, key=float))
+    here = [(value, each) for value, each in zip(told, properties, strict=True) if value]
+    for key in here[0][1]:
+        heights: dict[str, set[str | float | None]] = {}
+        for value, each in here:
+            heights.setdefault(value, set()).add(each.get(key))
+        numbers = [next(iter(seen)) for seen in heights.values() if len(seen) == 1]
+        are_numbers = all(isinstance(number, float) for number in numbers)
+        if are_numbers and len(set(numbers)) == len(values):
+            by_height = {value: next(iter(seen)) for value, seen in heights.items()}
+            return tuple(sorted(values, key=lambda value: float(by_height[value] or 0.0)))
+    return tuple(values)
+
+
+def _is_number(value: str) -> bool:
+    try:
+        return bool(np.isfinite(float(value)))
+    except ValueError:
+        return False
+
+
+def _by_order_of_file(
+    n_features: int, rooms: Sequence[int], pairs: Int[np.ndarray, "k 2"]
+) -> ToldStoreys:
+    """Files list storey by storey: one begins where a room lies on one of the storey before."""
+    under: dict[int, list[int]] = {}
+    for i, j in pairs:
+        under.setdefault(int(j), []).append(int(i))
+    told, storey, first = [""] * n_features, 0, 0
+    for number, feature in enumerate(rooms):
+        if any(other >= first for other in under.get(number, [])):
+            storey, first = storey + 1, number
+        told[feature] = str(storey)
+    warning = (
+        f"rooms lie on one another and no property tells their storeys: taken as {storey + 1} storeys in the "
+        "order of the file; check the overlay (-o FILE.png)"
+    )
+    return ToldStoreys(tuple(told), tuple(str(k) for k in range(storey + 1)), (warning,))

@@ -1,0 +1,56 @@
+"""What a sheet has around its plan: broken trims, frames, tables and marks of sections are no walls."""
+
+import numpy as np
+import pytest
+import shapely
+
+from planfit.floorplan.vector.drawing import DrawingBuilder, Lines
+from planfit.floorplan.vector.sheet import lines_of_frame, lines_of_tables
+
+HOUSE = shapely.box(300, 200, 1000, 700)
+
+
+def a_sheet() -> Lines:
+    """A house in a frame, in a trim of which one side ends half way, with marks for folding across both."""
+    builder = DrawingBuilder()
+
+    def add(*points: tuple[float, float], is_curved: bool = False) -> None:
+        n = len(points) - 1
+        builder.add_polyline(np.array(points, float), np.full(n, is_curved), "", "")
+
+    add((0, 600), (0, 0), (1600, 0), (1600, 900), (0, 900))
+    add(*shapely.get_coordinates(shapely.box(60, 15, 1585, 885)))
+    for u in (400, 800, 1200):
+        add((u, 0), (u, 100))
+    for v in (300, 600):
+        add((0, v), (120, v))
+    for inset in (0, 12):
+        # A wide opening: an outline without one is a frame too.
+        add(*shapely.get_coordinates(HOUSE.buffer(-inset, join_style="mitre"))[:-1])
+    for u in (600, 610, 700, 710, 800, 810):
+        add((u, 212), (u, 688))
+    turned = np.linspace(0, np.pi / 2, 9)
+    add(*np.stack([500 + 60 * np.cos(turned), 212 + 60 * np.sin(turned)], 1), is_curved=True)
+    return builder.build().lines
+
+
+def test_a_frame_in_a_broken_trim_is_found() -> None:
+    lines = a_sheet()
+    found = lines_of_frame(lines)
+    in_house = shapely.covers(HOUSE.buffer(1), shapely.linestrings(lines.ends))
+    assert not found[in_house].any()
+    on_frame = shapely.covers(
+        shapely.box(60, 15, 1585, 885).exterior.buffer(1), shapely.linestrings(lines.ends)
+    )
+    assert found[on_frame].all()
+
+
+@pytest.mark.parametrize("gaps", [(20, 20), (12, 28)])
+def test_rules_of_tables_meet_nothing_and_treads_meet_their_walls(gaps: tuple[int, int]) -> None:
+    v = np.cumsum(np.tile(gaps, 6)).astype(float)
+    rules = np.stack([np.stack([0 * v + 1200, v], 1), np.stack([0 * v + 1450, v], 1)], axis=1)
+    treads = rules - (800.0, 0.0)
+    walls = np.array([[[400.0, 0.0], [400.0, 300.0]], [[650.0, 0.0], [650.0, 300.0]]])
+    found = lines_of_tables(np.concatenate([rules, treads, walls]), 1600.0)
+    assert found[: len(v)].all()
+    assert not found[len(v) :].any()
