@@ -131,7 +131,7 @@ def test_a_wall_says_of_depth_no_more_than_it_is_built_to(world):
     with patch.object(module, "WALL_AS_BUILT_SIGMA_M", exact):
         as_if_exact = found_in(world, KNOWN_PLAN)
     assert sure.sigmas[0] > 0.003
-    assert sure.sigmas[0] > 2 * as_if_exact.sigmas[0]
+    assert sure.sigmas[0] > 1.5 * as_if_exact.sigmas[0]
 
 
 def test_on_a_plan_whose_scale_was_fitted_to_wrong_depth_recorded_steps_tell_the_metre(world):
@@ -166,7 +166,7 @@ def test_priors_hold_what_they_say(world, change, name):
 
 
 def test_no_more_rounds_than_asked_for(world):
-    faulty = world.measured_by(SensorCalibration(depth_scale=1.04))
+    faulty = with_sure_steps(world.measured_by(SensorCalibration(depth_scale=1.04)))
     solves = []
 
     def solve(measured, poses):
