@@ -99,8 +99,8 @@ WALL_AS_DRAWN_M = Prior(
 )
 WALL_AS_BUILT_SIGMA_M = Prior(
     0.02,
-    "Standard deviation of a wall about its line: DIN 18202 allows 0.016 m at lengths of 3 to 6 m and 0.030 m "
-    "beyond 30 m, and plans leave plaster, skirting boards and doors in their recess out.",
+    "Standard deviation of a wall about its line: DIN 18202 allows 0.016 m at lengths of 3 to 6 m and 0.030 "
+    "m beyond 30 m, and plans leave plaster, skirting boards and doors in their recess out.",
 )
 WALL_MOVED_MOST_M = Prior(
     0.7,
