@@ -47,7 +47,7 @@ def announced(result: RefineResult) -> Announced:
     half = None if alignment is None else alignment.half_thickness
     other = None if alignment is None else alignment.other_scale
     moved = [each for each in result.findings if each.kind is ResultKind.WALLS_MOVED]
-    offsets = np.array([abs(wall.facts["offset_m"]) for each in moved for wall in each.parts])
+    offsets = np.abs([wall.facts["offset_m"] for each in moved for wall in each.parts])
     breaks = () if result.tracking is None else result.tracking.breaks
     return Announced(
         1.0 if alignment is None else alignment.metres_per_unit,

@@ -310,3 +310,8 @@ SAME_MOTION_SIGMAS = Prior(
     "Two motions, as the norm of six numbers in sigmas: chi-square with six degrees of freedom leaves 3e-6 "
     "beyond. As wide because errors of matches are not independent.",
 )
+CLEAR_ODDS = Prior(
+    100.0,
+    "Of two explanations one is taken, and the other left, where it is so many times as likely: 'decisive' "
+    "(Jeffreys 1961).",
+)
