@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from faults.inputs import Inputs
 from faults.measure import brought_to
-from faults.words import named_offsets_m, outcome_of, predicted_errors_m
+from faults.words import outcome_of, predicted_errors_m
 from jaxtyping import Float, Int
 
 from buildings.changes import true_jumps
 from buildings.rows import Row
+from planfit.findings import ResultKind
 from planfit.pipeline.result import RefineResult
 
 RIGHT, FALSE, MISSED = "right", "false", "missed"
@@ -35,7 +36,7 @@ class Announced:
     thickness_m: float | None
     """Given to walls drawn as lines; None where none was."""
     walls_m: tuple[float, ...]
-    """Offsets of walls that were taken for moved, the largest first."""
+    """Offsets of walls that are said to stand elsewhere than drawn, the largest first."""
     jumps: tuple[int, ...]
     """Frames before jumps that were corrected."""
 
@@ -45,8 +46,8 @@ def announced(result: RefineResult) -> Announced:
     alignment, sensor = result.alignment, result.sensor
     half = None if alignment is None else alignment.half_thickness
     other = None if alignment is None else alignment.other_scale
-    offsets = named_offsets_m(result)
-    offsets = np.abs(offsets[np.isfinite(offsets)])
+    moved = [each for each in result.findings if each.kind is ResultKind.WALLS_MOVED]
+    offsets = np.abs([wall.facts["offset_m"] for each in moved for wall in each.parts])
     breaks = () if result.tracking is None else result.tracking.breaks
     return Announced(
         1.0 if alignment is None else alignment.metres_per_unit,

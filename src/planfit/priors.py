@@ -97,6 +97,11 @@ WALL_AS_DRAWN_M = Prior(
     "A wall less far from its line is built as drawn. DIN 18202 allows 0.016 m at lengths of 3 to 6 m and "
     "0.030 m beyond 30 m; the rest is for plaster, the pen and the depth camera.",
 )
+WALL_AS_BUILT_SIGMA_M = Prior(
+    0.02,
+    "Standard deviation of a wall about its line: DIN 18202 allows 0.016 m at lengths of 3 to 6 m and 0.030 "
+    "m beyond 30 m, and plans leave plaster, skirting boards and doors in their recess out.",
+)
 WALL_MOVED_MOST_M = Prior(
     0.7,
     "A wall further from its line is another wall: halves of corridors are wider. Chosen here.",
@@ -304,4 +309,9 @@ SAME_MOTION_SIGMAS = Prior(
     6.0,
     "Two motions, as the norm of six numbers in sigmas: chi-square with six degrees of freedom leaves 3e-6 "
     "beyond. As wide because errors of matches are not independent.",
+)
+CLEAR_ODDS = Prior(
+    100.0,
+    "Of two explanations one is taken, and the other left, where it is so many times as likely: 'decisive' "
+    "(Jeffreys 1961).",
 )

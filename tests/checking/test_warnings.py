@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from builders import make_matches, make_structure, make_ties, make_world, room_scan
-from planfit.adjust import PlanAdjustment, Solution, TornStep
+from planfit.adjust import MovedWall, PlanAdjustment, Solution, TornStep
 from planfit.adjust.association import Association
 from planfit.alignment import Alignment
 from planfit.findings import Finding, PlanKind, ResultKind, ScanKind
@@ -81,6 +81,7 @@ def found_of_alignment(world, **changes):
             Check("wall points near the plan", 0.5, 0.9, "share", False),
         ),
         "is_place_sure": True,
+        "has_rival": False,
     }
     return alignment_findings(**(given | changes))
 
@@ -104,6 +105,16 @@ def test_warnings_about_the_alignment(world):
     for kind, change in cases.items():
         (found,) = found_of_alignment(world, **change)
         assert found.kind is kind
+
+
+@pytest.mark.parametrize("has_rival", [False, True])
+def test_walls_are_said_to_stand_elsewhere_where_the_scan_does_not_fit_there_as_well(
+    world, has_rival
+):
+    good = plan_adjustment(world, len(world.structure.walls))
+    moved = replace(good, moved_walls=(MovedWall(0, 0.5, 0.02, 9),))
+    found = found_of_alignment(world, plan_adjustment=moved, has_rival=has_rival)
+    assert [each.kind for each in found] == ([] if has_rival else [ResultKind.WALLS_MOVED])
 
 
 def test_the_worst_torn_steps_are_named_and_the_others_counted(world):

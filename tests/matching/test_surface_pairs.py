@@ -20,9 +20,10 @@ from planfit.matching.surfaces.find import (
     poor_frames,
 )
 from planfit.matching.surfaces.grids import COLUMNS, ROWS, find_surface_grids
-from planfit.matching.surfaces.register import observe, register, starts_about
+from planfit.matching.surfaces.register import Registered, observe, register, starts_about
 from planfit.matching.surfaces.registration_kernels import LOSS_SIGMAS, observed, sums_at
 from planfit.matching.types import RelativePoses
+from planfit.priors import Prior
 from planfit.runtime import Runtime
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.views import FilesView, calibrated_scan
@@ -273,6 +274,15 @@ def test_a_view_that_looks_past_the_other_is_contradicted() -> None:
     assert still[1].contradicted > 0.1
 
 
+def test_what_two_views_see_counts_for_them_as_far_as_it_agrees() -> None:
+    def odds(explained, agreement):
+        return Registered(np.eye(4), explained, 0.0, agreement).log_odds
+
+    assert odds(0.4, 0.98) > odds(0.2, 0.98) > 0.0
+    assert odds(0.3, 0.95) > odds(0.5, 0.8)  # more of the same surfaces, but less alike
+    assert odds(0.5, 0.6) < odds(0.1, 0.6) < 0.0
+
+
 def test_corridors_that_look_alike_from_door_to_door_have_rivals() -> None:
     room = {"size_m": (40.0, 2.0, 2.6), "boxes": DOORS}
     poses = [look((15.0, 0.6, 1.5), 35, 8), look((15.1, 0.6, 1.5), 33, 8)]
@@ -378,7 +388,8 @@ def test_a_camera_that_walked_on_is_not_taken_for_one_that_stood(yaw_deg, step_m
         off = se3.difference(true, motion)
         return float(np.sqrt(off @ information @ off))
 
-    both = register(known.grids, 0, 1, np.stack([np.eye(4), true]))
+    starts = np.stack([np.eye(4), true])
+    both = register(known.grids, 0, 1, starts, lambda one: one.explained)
     told = observe(known.grids, 0, 1, both[0].a_from_b)
     assert sigmas(both[0].a_from_b, told.information) > 6.0
     assert_array_equal(known.neighbours.pairs, [[0, 1]])
@@ -416,7 +427,6 @@ def test_options_of_the_search_reach_it(walk) -> None:
     assert found_in(walk, loops_per_frame=0)[1].n_loops(4) == 0
     assert found_in(walk, loops_per_frame=1)[1].n_loops(4) < base.n_loops(4)
     assert len(found_in(walk, min_overlap=0.8)[1]) < len(base)
-    assert len(found_in(walk, max_contradicted=0.0, usual_factor=1e-9)[1]) < len(base)
     near = find_surface_grids(walk[0], np.arange(2), 1.5, Runtime())
     assert np.nanmax(near.depth_m) < 1.6
 
@@ -487,8 +497,8 @@ def test_rivals_within_the_drift_refuse_a_revisit() -> None:
     scan = bare(room_scan(poses, size_m=(40.0, 2.0, 2.6), boxes=DOORS, fingerprint="corridor"))
     sure = make_odometry(poses, OdometryOptions())
     drifted = replace(sure, sigma_translation=np.full(len(poses) - 1, 0.25))
-    strict = found_in((scan, poses), drifted, max_rival=0.5)[1]
-    lenient = found_in((scan, poses), drifted, max_rival=1.0)[1]
+    strict = found_in((scan, poses), drifted)[1]
+    lenient = found_in((scan, poses), drifted, clear_odds=Prior(1.0, "Either may be."))[1]
     assert strict.n_loops(4) < lenient.n_loops(4)
     for found in (found_in((scan, poses), sure)[1], strict):
         i, j = found.pairs.T

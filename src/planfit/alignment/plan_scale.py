@@ -27,14 +27,11 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
-from planfit.priors import SURE_SIGMAS
+from planfit.priors import CLEAR_ODDS, SURE_SIGMAS
 
 LOOK_WITHIN = 0.12
 """Share by which the scale of a plan in metres that keeps its scale is looked beside it: prints, tracings and
 drawings scaled by hand are off by less; a plan further off is in another unit."""
-CLEAR_ODDS = 100.0
-"""Another scale is told of where it is so many times as likely by all measurements. Synthetic plans 1 to 10 %
-off, and ConSLAM's: exp(13) to exp(124); right ones are not asked, as no other scale is surely off."""
 OFF_SHARE = 0.006
 """A scale nearer to 1 than this, as a share, is as drawn: plans in metres are right within half a per cent,
 and depth, odometry and the bend that drift leaves are not surer."""
@@ -132,9 +129,13 @@ def is_off(scaled: Alignment) -> bool:
 
 
 def is_clearly_likelier(cost_gain: float) -> bool:
-    """Whether a scale whose full cost is lower by this much is `CLEAR_ODDS` times as likely."""
+    """Whether a scale whose full cost is lower by this much is clearly likelier by all measurements.
+
+    Synthetic plans 1 to 10 % off, and ConSLAM's: exp(13) to exp(124); right ones are not asked, as no other
+    scale is surely off.
+    """
     # Costs are sums of squared sigmas: twice a negative log likelihood.
-    return bool(cost_gain > 2.0 * np.log(CLEAR_ODDS))
+    return bool(cost_gain > 2.0 * np.log(CLEAR_ODDS.value))
 
 
 def other_scale_finding(other: OtherScale) -> Finding:

@@ -68,11 +68,13 @@ def alignment_findings(
     structure: Structure,
     checks: tuple[Check, ...],
     is_place_sure: bool,
+    has_rival: bool,
 ) -> tuple[Finding, ...]:
     """How scan and plan came together.
 
     What was said of a deformed scan before the adjustment is left out where the adjusted walls surely lie on
-    the plan (`is_place_sure`).
+    the plan (`is_place_sure`). Where the scan fits elsewhere about as well, if other walls were moved
+    (`has_rival`), no wall is said to be: the verdict tells both.
     """
     found: list[Finding] = []
     if alignment is not None:
@@ -85,7 +87,8 @@ def alignment_findings(
         facts = {"near_share": near, "patch_count": len(structure.walls)}
         facts |= {"associated_count": plan_adjustment.association.n_associated}
         found.append(Finding(ResultKind.FEW_WALLS_NEAR_PLAN, facts))
-    if plan_adjustment.moved_walls and plan_adjustment.correspondences is not None:
+    are_moved = plan_adjustment.moved_walls and not has_rival
+    if are_moved and plan_adjustment.correspondences is not None:
         floorplan = plan_adjustment.correspondences.floorplan
         found.append(walls_moved(moved_wall_findings(plan_adjustment.moved_walls, floorplan)))
     return (*found, *adjustment_findings(plan_adjustment))

@@ -24,13 +24,15 @@ from planfit.adjust.keyframes import follow_keyframes
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
-from planfit.priors import FLOOR_NOT_LEVEL_SHARE, FLOOR_PIECE_SIGMA_M, FLOOR_SLOPE_SIGMA_SHARE
+from planfit.priors import (
+    CLEAR_ODDS,
+    FLOOR_NOT_LEVEL_SHARE,
+    FLOOR_PIECE_SIGMA_M,
+    FLOOR_SLOPE_SIGMA_SHARE,
+)
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
 from planfit.segmentation import no_level_points
-
-ODDS = 100.0
-"""In favour of pieces, before a floor is taken not to be level."""
 
 
 def follow_floor(
@@ -54,7 +56,7 @@ def follow_floor(
     """
     adjust, structure = options.adjust, observations.structure
     strain = _strain(level, options)
-    if adjust.floor.weight <= 0 or not adjust.loops_first or strain < np.log(ODDS):
+    if adjust.floor.weight <= 0 or not adjust.loops_first or strain < np.log(CLEAR_ODDS.value):
         return observations, level
     unheld = replace(options, adjust=replace(adjust, floor=replace(adjust.floor, weight=0.0)))
     free = prepare(scan, observations, unheld, timer)
@@ -73,7 +75,7 @@ def follow_floor(
     )
     followed = replace(observations, structure=structure)
     again = prepare(scan, followed, options, timer)
-    if strain - _strain(again, options) - _price(pieces) < np.log(ODDS):
+    if strain - _strain(again, options) - _price(pieces) < np.log(CLEAR_ODDS.value):
         return observations, level
     return followed, again
 

@@ -26,6 +26,7 @@ from planfit.matching.surfaces.witnesses import AGREE_SIGMAS
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
+from planfit.priors import CLEAR_ODDS
 from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking import Tracking
 from planfit.tracking.breaks import MOST_UNUSUAL, is_far
@@ -37,8 +38,10 @@ NULL_SCORE = 0.4
 """A place that explains less than this of a part does not explain it."""
 NOT_DRAWN = 0.1
 """Share of wall that is on no plan, as cupboards are: no sample is less likely."""
-JUMP_ODDS = 1e4
-"""Against a jump at a given step: about one in a walk of a hundred, and 100 to 1 before it is believed."""
+JUMPS_A_STEP = 0.01
+"""How often trackers jump beforehand, at most."""
+PRICE = float(np.log(CLEAR_ODDS.value / JUMPS_A_STEP))
+"""Of a jump, and of a place that is not known, in log likelihood."""
 MAX_PLACES = 8
 """Of the parts of one walk, at most."""
 SAMPLES_APART_M = 0.1
@@ -128,7 +131,7 @@ class _Walk:
             for steps in (self.recorded, told)
         )
         is_none = self.is_whole | leaps(told, self.recorded, usual[0])
-        return np.where(is_none, -np.inf, was - would_be - np.log(JUMP_ODDS))
+        return np.where(is_none, -np.inf, was - would_be - PRICE)
 
 
 def placed_by_parts(
@@ -229,7 +232,7 @@ def _likeliest(walk: _Walk, places: Sequence[Place], or_unknown: bool) -> Int[np
     for a, b in np.ndindex(n_states, n_states):
         if a != b:
             is_known = max(a, b) < n_places
-            odds = walk.log_odds(places[a], places[b]) if is_known else -np.log(JUMP_ODDS)
+            odds = walk.log_odds(places[a], places[b]) if is_known else -PRICE
             change[:, a, b] = odds
     best, came_from = np.array([each[0] for each in log]), np.zeros((n, n_states), dtype=int)
     for k in range(1, n):

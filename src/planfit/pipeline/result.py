@@ -225,6 +225,7 @@ def make_result(
                     structure,
                     validation.checks,
                     validation.evidence.is_place_sure,
+                    validation.verdict.has_rival,
                 )
                 if has_plan
                 else adjustment_findings(adjustment)

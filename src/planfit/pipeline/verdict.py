@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import other_scale_finding
-from planfit.findings import Finding, ResultKind
+from planfit.findings import Finding, PlanKind, ResultKind
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.reservations import ALONE_FACTOR, reservations_of
 from planfit.pipeline.verdict_options import VerdictOptions
@@ -65,6 +65,12 @@ class Verdict:
     """Whether the recorded poses say anything of the images."""
 
     __repr__ = short_repr
+
+    @property
+    def has_rival(self) -> bool:
+        """Whether the scan fits the plan elsewhere about as well."""
+        kinds = {each.kind for each in (*self.because, *self.reservations)}
+        return bool(kinds & {ResultKind.FITS_ELSEWHERE, PlanKind.ADJUSTED_FITS_ELSEWHERE})
 
     @property
     def is_refined(self) -> bool:

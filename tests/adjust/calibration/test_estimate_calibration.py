@@ -19,6 +19,7 @@ from planfit.adjust.calibration import (
 from planfit.adjust.calibration.long_steps import MIN_BASELINE_M, with_long_steps
 from planfit.errors import OptionError
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.priors import Prior
 from planfit.scan.odometry import OdometryOptions, make_odometry
 
 KNOWN_PLAN = CalibrationPriors(plan_scale_sigma=0.0)
@@ -118,7 +119,19 @@ def test_a_plan_whose_scale_is_free_says_nothing_of_the_metre(world):
     by_plan, by_steps = found_in(faulty, KNOWN_PLAN), found_in(faulty, free)
     by_none = found_in(faulty, replace(free, odometry_scale_sigma=0.05))
     assert by_steps.sensor.depth_scale == pytest.approx(1.04, abs=3 * by_steps.sigmas[0])
-    assert by_none.sigmas[0] > 2 * by_steps.sigmas[0] > 2 * by_plan.sigmas[0] > 0
+    assert by_none.sigmas[0] > 2 * by_steps.sigmas[0] > 0
+    assert by_none.sigmas[0] > 2 * by_plan.sigmas[0] > 0
+
+
+def test_a_wall_says_of_depth_no_more_than_it_is_built_to(world):
+    """However many frames see it: 2 cm at the 2 to 4 m of this room are half a per cent and more."""
+    sure = found_in(world, KNOWN_PLAN)
+    module = import_module("planfit.adjust.calibration.reduced")
+    exact = Prior(1e-4, "Walls exactly as drawn.")
+    with patch.object(module, "WALL_AS_BUILT_SIGMA_M", exact):
+        as_if_exact = found_in(world, KNOWN_PLAN)
+    assert sure.sigmas[0] > 0.003
+    assert sure.sigmas[0] > 1.5 * as_if_exact.sigmas[0]
 
 
 def test_on_a_plan_whose_scale_was_fitted_to_wrong_depth_recorded_steps_tell_the_metre(world):
@@ -153,7 +166,7 @@ def test_priors_hold_what_they_say(world, change, name):
 
 
 def test_no_more_rounds_than_asked_for(world):
-    faulty = world.measured_by(SensorCalibration(depth_scale=1.04))
+    faulty = with_sure_steps(world.measured_by(SensorCalibration(depth_scale=1.04)))
     solves = []
 
     def solve(measured, poses):

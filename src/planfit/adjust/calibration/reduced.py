@@ -1,6 +1,6 @@
 """One Gauss-Newton step of the shared parameters, poses eliminated (Schur complement)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -8,9 +8,12 @@ from jaxtyping import Float
 from planfit.adjust.calibration.blocks import ODOMETRY, shared_blocks
 from planfit.adjust.calibration.long_steps import with_long_steps
 from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.terms.wall_offsets import OffsetWallTerm, offset_prior, with_offsets
+from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry.calibration import NOMINAL
 from planfit.lsq.covariance import factorised
 from planfit.lsq.normal_equations import NormalEquations
+from planfit.priors import WALL_AS_BUILT_SIGMA_M
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,8 @@ def shared_step(
         sigmas: prior standard deviations about the nominal values; 0 holds a parameter.
     """
     sensor = NOMINAL.with_vector(NOMINAL.vector + departures[:ODOMETRY])
-    problem = with_long_steps(problem, unknowns)
+    n_given = len(unknowns)
+    problem, unknowns = _with_free_faces(with_long_steps(problem, unknowns), unknowns)
     shared = shared_blocks(problem, unknowns, sensor)
     quadratics = [term.reweight(unknowns)[0] for term in problem.terms]
     equations = NormalEquations([q.normal_blocks(unknowns) for q in quadratics], len(unknowns))
@@ -61,4 +65,22 @@ def shared_step(
     change[free] = -inverse @ right
     pose_by_shared = np.zeros((len(unknowns), 6, len(sigmas)))
     pose_by_shared[:, :, free] = -solved[:, :-1].reshape(len(unknowns), 6, -1)
-    return SharedStep(change, covariance, pose_by_shared)
+    return SharedStep(change, covariance, pose_by_shared[:n_given])
+
+
+def _with_free_faces(
+    problem: AdjustmentProblem, unknowns: Float[np.ndarray, "u 4 4"]
+) -> tuple[AdjustmentProblem, Float[np.ndarray, "v 4 4"]]:
+    """The problem with each face of the plan free within how walls are built, and the unknowns with them.
+
+    All patches of one wall err alike where it was built or drawn off its line, however many frames saw it:
+    what a wall says of the sensor is one observation, and not hundreds.
+    """
+    walls = problem.walls
+    if not isinstance(walls, WallTerm):
+        return problem, unknowns
+    n, plan = len(unknowns), walls.floorplan
+    free = OffsetWallTerm(walls.patches, plan, walls.association, walls.model, n)
+    prior = offset_prior(n, plan, WALL_AS_BUILT_SIGMA_M.value)
+    freed = replace(problem, offset_walls=free, offset_prior=prior)
+    return freed, with_offsets(unknowns, plan)

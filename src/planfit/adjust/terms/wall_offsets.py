@@ -16,7 +16,6 @@ from planfit.adjust.association import Association
 from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
-from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.covariance import covariances
 from planfit.lsq.moments import PlaneMoments
@@ -38,13 +37,12 @@ class OffsetWallTerm:
     association: Association
     model: ObservationModel
     n_cams: int
-    """Poses before the faces' own among the unknowns."""
+    """Unknowns before the faces' own, the cameras first among them."""
     name: str = "walls"
 
     def displaced(self, unknowns: Float[np.ndarray, "u 4 4"]) -> WallTerm:
         """Of the cameras alone, against faces where their offsets put them now."""
-        translations = unknowns[self.n_cams :, :3, 3]
-        offsets_m = np.einsum("ni,ni->n", self.floorplan.normals, translations[:, :2])
+        offsets_m = read_offsets(unknowns, self.n_cams, self.floorplan)
         return WallTerm(
             self.patches, self.floorplan, self.association, self.model, offsets_m=offsets_m
         )
@@ -129,8 +127,8 @@ def with_offsets(
 def read_offsets(
     unknowns: Float[np.ndarray, "u 4 4"], n_cams: int, floorplan: Floorplan
 ) -> Float[np.ndarray, " f"]:
-    """Offsets (m) of the faces along their normals."""
-    translations = se3.transform(unknowns[n_cams:], np.zeros((1, 3)))[:, 0, :2]
+    """Offsets (m) of the faces, which are unknowns behind the first `n_cams`, along their normals."""
+    translations = unknowns[n_cams : n_cams + len(floorplan), :2, 3]
     return np.einsum("ni,ni->n", floorplan.normals, translations)
 
 

@@ -39,6 +39,11 @@ _COARSE = 2
 """Every so many rows and columns of cells say where a start leads."""
 MAX_STEPS = 2
 """So many starts to each side, at most."""
+SAME_AGREES, CHANCE_AGREES = 0.95, 0.6
+"""Share of cells that agree where two views see one surface, and where they were brought together on surfaces
+that are alike: rooms are made of the same planes."""
+VIEW_OBSERVATIONS = 20.0
+"""Independent ones in a whole view: cells of one surface agree together."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,17 @@ class Registered:
     agreement: float
     """Share of what lies where the other view shows anything that agrees with it, of the view that agrees
     less: unlike `explained`, it is no smaller where the camera moved far."""
+
+    @property
+    def log_odds(self) -> float:
+        """Of the two seeing one surface, against surfaces that lie so by chance, whatever they share.
+
+        It grows with what both see, each seeing worth `VIEW_OBSERVATIONS`, and falls where that differs.
+        """
+        seen = self.explained / max(self.agreement, 1e-9)
+        agree = self.agreement * np.log(SAME_AGREES / CHANCE_AGREES)
+        differ = (1.0 - self.agreement) * np.log((1.0 - SAME_AGREES) / (1.0 - CHANCE_AGREES))
+        return float(VIEW_OBSERVATIONS * seen * (agree + differ))
 
 
 @dataclass(frozen=True)
@@ -84,17 +100,12 @@ class Observed:
         return float(off @ np.linalg.solve(total, off))
 
 
-def _by_explained(one: Registered) -> float:
-    """Rank of a revisit, where any motion within the drift is possible: views may share next to nothing."""
-    return one.explained * (1.0 - one.contradicted)
-
-
 def register(
     grids: SurfaceGrids,
     i: int,
     j: int,
     starts: Float[np.ndarray, "s 4 4"],
-    rank: Callable[[Registered], float] = _by_explained,
+    rank: Callable[[Registered], float] = lambda one: one.log_odds,
 ) -> list[Registered]:
     """Motions that different starts lead to, the one of the highest rank first; none where nothing agrees.
 
