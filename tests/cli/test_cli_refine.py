@@ -76,9 +76,9 @@ def test_how_far_each_pose_may_be_off_is_written_and_said_alike(
     record = json.loads((finished / "run.json").read_text())
     lines = (finished / "trajectory_sigma.csv").read_text().splitlines()
     assert lines[0] == (
-        "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m"
+        "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m,held_by"
     )
-    table = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    table = np.array([[float(value) for value in line.split(",")[:-1]] for line in lines[1:]])
     times, found = read_tum(finished / "trajectory.tum")
     assert_allclose(table[:, :2], np.column_stack([np.arange(60), times]))
     predicted_m = np.array(record["verdict"]["predicted_error_m"])

@@ -260,8 +260,10 @@ def test_depth_shorter_than_colour(sample, tmp_path):
     for i in (4, 5):
         (tmp_path / "depth" / f"{i:06d}.png").unlink()
     scan = read_scan(tmp_path)
-    assert len(scan) == 4
-    assert scan.skipped[0] == "frame 000004: depth/000004.png is missing"
+    assert scan.lacking == ("", "", "", "", "depth", "depth")
+    assert "2 of 6 frames have no depth" in scan.warnings[0]
+    assert not np.isfinite(scan.files.depth(4)).any()
+    assert scan.files.color(4) is not None
 
 
 def test_odometry_of_another_shape(sample, tmp_path):
@@ -344,11 +346,9 @@ def test_frames_without_depth_colour_or_pose_are_named(sample, tmp_path):
     (tmp_path / "frame-000001.depth.png").unlink()
     (tmp_path / "frame-000003.pose.txt").unlink()
     scan = read_scan(tmp_path)
-    assert scan.frame_ids == ("000000", "000002", "000004", "000005")
-    assert set(scan.skipped) == {
-        "frame 000001: frame-000001.depth.png is missing",
-        "frame 000003: frame-000003.pose.txt is missing",
-    }
+    assert scan.frame_ids == ("000000", "000001", "000002", "000004", "000005")
+    assert scan.lacking == ("", "depth", "", "", "")
+    assert set(scan.skipped) == {"frame 000003: frame-000003.pose.txt is missing"}
 
 
 def test_lost_tracking_in_scannet(sample, tmp_path):
@@ -365,8 +365,13 @@ def test_more_depth_than_colour_in_scanner_app(sample, tmp_path):
     for i in (1, 2, 4, 5):
         (tmp_path / f"frame_{i:05d}.jpg").unlink()
     scan = read_scan(tmp_path)
-    assert scan.frame_ids == ("00000", "00003")
-    assert len(scan.skipped) == 4
+    assert len(scan) == N
+    assert scan.lacking == ("", "colour", "colour", "", "colour", "colour")
+    assert scan.skipped == ()
+    assert "4 of 6 frames have no colour" in scan.warnings[0]
+    assert scan.files.color(1) is None
+    assert np.isfinite(scan.files.depth(1)).any()
+    assert scan.cameras[1] == scan.cameras[0]
 
 
 def test_no_frame_is_left(sample, tmp_path):

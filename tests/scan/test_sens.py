@@ -104,14 +104,15 @@ def test_extrinsics_of_depth_register_it(sample, tmp_path):
         read_scan(tmp_path / "a.sens")
 
 
-def test_lost_frames_and_frames_without_an_image_are_left_out_and_named(sample, tmp_path):
+def test_lost_frames_are_left_out_and_frames_without_an_image_named(sample, tmp_path):
     poses = sample.poses.copy()
     poses[2] = -np.inf
     encoded = iter([jpg(sample.color[i]) if i != 4 else b"" for i in range(N)])
     write_sens(tmp_path / "a.sens", sample, poses=poses, color=lambda _: next(encoded))
     scan = read_scan(tmp_path / "a.sens")
-    assert scan.frame_ids == ("0", "1", "3", "5")
-    assert any("color/4" in line for line in scan.skipped)
+    assert scan.frame_ids == ("0", "1", "3", "4", "5")
+    assert scan.lacking == ("", "", "", "colour", "")
+    assert scan.files.color(3) is None
 
 
 def test_depth_alone_is_read_with_its_own_lens(sample, tmp_path):

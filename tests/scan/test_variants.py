@@ -470,7 +470,7 @@ def test_nerfstudio_with_times_of_several_clocks_or_durations(times, is_told, sa
         ("sensors.yaml", "%YAML:1.0\n---\nx: 1\n", "expected a matrix of 4 numbers"),
         ("trans_matrix.yaml", "%YAML:1.0\n---\nx: 1\n", "expected frames that lead from base_link"),
         ("trans_matrix.yaml", "[", "expected"),
-        ("aligned_depth.txt", "1.0 a.png\n", "expected times of color.txt, aligned_depth.txt and"),
+        ("aligned_depth.txt", "1.0 a.png\n", "expected depth within 0.02 s of colour images"),
     ],
 )
 def test_damaged_files_of_openloris(name, text, words, sample, tmp_path):

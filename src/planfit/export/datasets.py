@@ -54,6 +54,8 @@ def write_colmap(
     for i, (camera, frame_id, pose) in enumerate(
         zip(scan.cameras, scan.frame_ids, target_from_cams, strict=True)
     ):
+        if scan.lacking[i] == "colour":
+            continue
         mine = slice(span[i], span[i + 1])
         uv, points = seen.uv[mine] + 0.5, seen.point_idx[mine] + 1
         images.append(ColmapImage(i + 1, id_of[camera], f"{frame_id}.jpg", pose, uv, points))
@@ -109,9 +111,14 @@ def write_nerfstudio(
             "cy": camera.cy + 0.5,
             "transform_matrix": pose.tolist(),
         }
-        for frame_id, camera, pose in zip(
-            scan.frame_ids, scan.cameras, from_opengl(target_from_cams), strict=True
+        for frame_id, camera, pose, lacks in zip(
+            scan.frame_ids,
+            scan.cameras,
+            from_opengl(target_from_cams),
+            scan.lacking,
+            strict=True,
         )
+        if lacks != "colour"
     ]
     content = {"camera_model": "PINHOLE", "ply_file_path": "sparse_pc.ply", "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n")
@@ -125,6 +132,8 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
 
     def one_frame(i: int) -> dict[str, np.ndarray]:
         name = scan.frame_ids[i]
+        if scan.lacking[i] == "colour":
+            return {}
         color = cv2.cvtColor(_color(scan, i), cv2.COLOR_RGB2BGR)
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
         _write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)

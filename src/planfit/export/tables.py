@@ -7,40 +7,56 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.adjust.uncertainty import radius_95
 from planfit.export.option_files import finite
 from planfit.findings import sentences_of
 from planfit.pipeline.registration import Registration
 from planfit.pipeline.survey_residuals import contradicted_points
+from planfit.scan import Scan
 from planfit.survey import RoleResiduals, SurveyResiduals
 
-SIGMA_HEADER = "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m"
+SIGMA_HEADER = (
+    "frame,timestamp,sigma_x_m,sigma_y_m,sigma_z_m,sigma_rotation_deg,radius_95_m,held_by"
+)
 """Columns of `trajectory_sigma.csv`, as docs/outputs.md has them."""
 
 
 def write_sigmas(
-    path: Path, timestamps: Float[np.ndarray, " n"], covariances: Float[np.ndarray, "n 6 6"]
+    path: Path,
+    scan: Scan,
+    covariances: Float[np.ndarray, "n 6 6"],
+    keyframe_idx: Int[np.ndarray, " k"],
 ) -> None:
     """Write `trajectory_sigma.csv`.
 
     Args:
         path: of the file.
-        timestamps: of the frames, as in `trajectory.tum`.
+        scan: whose frames they are.
         covariances: of their poses [rad^2, rad m, m^2], tangents (rotation, translation), axes of the plan.
+        keyframe_idx: frames whose images were looked at; others follow them by the recorded motion.
 
     Raises:
         OSError: it cannot be written.
     """
+    held_by = np.full(len(scan), "recorded motion", dtype=object)
+    for k in keyframe_idx:
+        held_by[k] = {"": "images", "colour": "depth"}.get(scan.lacking[k], held_by[k])
+    if not scan.has_color:
+        held_by[keyframe_idx] = "depth"
+    held_by = [
+        f"{by} (no {lacks})" if lacks else by
+        for by, lacks in zip(held_by, scan.lacking, strict=True)
+    ]
     variances = np.einsum("nii->ni", covariances)
     rotation_deg = np.rad2deg(np.sqrt(variances[:, :3].sum(axis=1)))
     table = np.column_stack(
         [np.sqrt(variances[:, 3:]), rotation_deg, radius_95(covariances[:, 3:, 3:])]
     )
     lines = [
-        f"{k},{time:.9g}," + ",".join(f"{value:.6f}" for value in row)
-        for k, (time, row) in enumerate(zip(timestamps, table, strict=True))
+        f"{k},{time:.9g}," + ",".join(f"{value:.6f}" for value in row) + f",{by}"
+        for k, (time, row, by) in enumerate(zip(scan.timestamps, table, held_by, strict=True))
     ]
     _write_lines(path, [SIGMA_HEADER, *lines])
 

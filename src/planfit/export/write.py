@@ -60,7 +60,7 @@ FILES: dict[str, Callable[[Path, Finished], object]] = {
     "cloud_after.ply": lambda path, run: _write_cloud(path, run, run.result.plan_from_cams),
     MATCHES: lambda path, run: write_matches(path, run.result.matches),
     "trajectory_sigma.csv": lambda path, run: write_sigmas(
-        path, run.scan.timestamps, run.result.evidence.pose_covariances
+        path, run.scan, run.result.evidence.pose_covariances, run.result.solved_frame_idx
     ),
     "covariances.npz": lambda path, run: np.savez(
         path, covariances=run.result.evidence.pose_covariances

@@ -46,7 +46,7 @@ class Given:
         if self.observations is None:
             scan = self.scan
             keyframe_idx = choose_keyframes(
-                scan.world_from_cams, scan.timestamps, self.options.keyframes
+                scan.world_from_cams, scan.timestamps, self.options.keyframes, scan.lacking
             )
         else:
             keyframe_idx = self.observations.keyframe_idx

@@ -260,7 +260,7 @@ def _keyframes(scan: Scan, options: RefineOptions, matches: Matches | None) -> n
     """Frames (k,) to look at: all, where matches name frames of their own."""
     if matches is not None or options.matching.colmap:
         return np.arange(len(scan))
-    return choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes)
+    return choose_keyframes(scan.world_from_cams, scan.timestamps, options.keyframes, scan.lacking)
 
 
 def _numbered(found: Observations, keyed: _Keyed) -> Observations:
@@ -323,6 +323,7 @@ def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: R
         believed = _believed(keyed, replace(options, poses_convention=found))
         judged = _by_neighbours(keyed, believed, known, options, runtime)
     more = frames_in_doubt(judged.tracking, keyed.frame_idx, _are_bridged(judged))
+    more = more[[keyed.scan.lacking[i] != "depth" for i in more]]
     if len(more):
         denser = replace(keyed, frame_idx=np.union1d(keyed.frame_idx, more))
         known_idx = denser.number_of(keyed.frame_idx)

@@ -117,6 +117,7 @@ def join_scans(
         world_from_cams=np.concatenate([move @ scan.world_from_cams for scan, move in moves]),
         files=JoinedFiles(tuple(scan.files for scan in scans), frames),
         has_color=any(scan.has_color for scan in scans),
+        lacking=tuple(lacks for scan in scans for lacks in scan.lacking),
         has_labels=all(scan.has_labels for scan in scans),
         fingerprint=fingerprint,
         format=" + ".join(dict.fromkeys(scan.format for scan in scans)),

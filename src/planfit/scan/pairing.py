@@ -72,8 +72,6 @@ class FileAFrame(Generic[T]):
     read: Callable[[FileSource, str], Posed[T]]
     """Parser of a file of poses, by its name."""
     confidence: str = ""
-    is_led_by_poses: bool = False
-    """Whether a frame is what has a pose, and not what has colour: some programs keep colour of a few."""
     tables: tuple[str, ...] = ()
     """Files for all frames; those that are there, one of several as `a|b`."""
     key: str = r"\d+"
@@ -81,10 +79,10 @@ class FileAFrame(Generic[T]):
 
     def __call__(self, source: FileSource, options: ScanOptions, folder: str = "") -> Listing:  # noqa: ARG002
         """Frames in the order of their keys; names are relative to `folder`, which ends with a slash."""
-        colored = self.color.listed(source, folder)
-        others = Names(self.poses, key=self.key).listed(source, folder)
+        colors, depths = (one.by_key(source, folder) for one in (self.color, self.depth))
+        posed_keys = Names(self.poses, key=self.key).by_key(source, folder)
         frames, skipped, content = [], [], {}
-        for i, (key, name) in enumerate(others if self.is_led_by_poses else colored):
+        for i, key in enumerate(sorted({**colors, **depths, **posed_keys}, key=in_order)):
             poses = self.poses.format(key)
             if not source.exists(folder + poses):
                 skipped.append(f"frame {key}: {poses} is missing")
@@ -92,27 +90,16 @@ class FileAFrame(Generic[T]):
             posed = self.read(source, folder + poses)
             content[key] = posed.content
             counted = float(key) if key.isdecimal() else float(i)
-            color = name if not self.is_led_by_poses else self.color.of(key)[0]
             frames.append(
                 Frame(
                     key,
                     counted if posed.time is None else posed.time,
                     posed.world_from_cam,
-                    folder + color,
-                    first_of(source, [folder + name for name in self.depth.of(key)]),
+                    folder + colors.get(key, self.color.of(key)[0]),
+                    folder + depths.get(key, self.depth.of(key)[0]),
                     folder + self.confidence.format(key) if self.confidence else "",
                 )
             )
-        if self.is_led_by_poses:
-            lone = {key for key, _ in colored} - {key for key, _ in others}
-            lacking = self.poses
-        else:
-            others += self.depth.listed(source, folder)
-            lone = {key for key, _ in others} - {key for key, _ in colored}
-            lacking = self.color.patterns[0]
-        skipped += [
-            f"frame {k}: {lacking.format(k)} is missing" for k in sorted(lone, key=in_order)
-        ]
         tables = [folder + self.poses.format(frame.frame_id) for frame in frames]
         return Listing(
             source,
@@ -141,17 +128,15 @@ class RowAFrame:
         """Frames in the order of their numbers, from 0."""
         poses = self._read(source)
         frames, skipped = [], []
-        for key, name in self.color.listed(source):
+        colors, depths = self.color.by_key(source), self.depth.by_key(source)
+        for key in sorted({**colors, **depths}, key=in_order):
             number = int(key)
             if number >= len(poses):
                 skipped.append(f"frame {key}: {self.poses} has only {len(poses)} rows")
                 continue
             check_recorded_pose(poses[number], f"{source.path / self.poses}, row {number}")
-            depth = first_of(source, self.depth.of(key))
-            frames.append(Frame(key, float(number), poses[number], name, depth))
-        listed = {frame.frame_id for frame in frames}
-        lone = [k for k, _ in self.depth.listed(source) if k not in listed and int(k) < len(poses)]
-        skipped += [f"frame {key}: {self.color.of(key)[0]} is missing" for key in lone]
+            color, depth = colors.get(key, self.color.of(key)[0]), depths.get(key, "")
+            frames.append(Frame(key, float(number), poses[number], color, depth))
         tables = [self.poses, *(name for name in self.tables if source.exists(name))]
         return Listing(source, frames, poses, tables, skipped)
 

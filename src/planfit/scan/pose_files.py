@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
-from planfit.scan.laser.trajectory import TUM, named_columns, parse_trajectory
+from planfit.scan.laser.trajectory import CLOCK_UNITS, TUM, clock_unit, named_columns, parse_columns
 from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import number_table, shorten, with_decimal_points
@@ -64,8 +64,8 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     """
     content = with_decimal_points(content, path)
     if not _is_euroc(content) and _has_names(content):
-        named = parse_trajectory(content, path)
-        return PoseTable("tum", named.times, named.world_from_scanner)
+        named = parse_columns(content, path)
+        return PoseTable("tum", named.times, named.poses)
     content = content.replace(";", " ")
     table = number_table(content.replace(",", " "))
     if table is not None and table.shape[1] in (8, 9, 12, 16) and not _is_euroc(content):
@@ -158,7 +158,9 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
     Raises:
         ScanError: the file cannot be read, or its poses belong to none of the frames.
     """
-    table = read_poses(path)
+    table, told = read_poses(path), []
+    if table.kind == "tum":
+        table, told = in_seconds(table, scan.timestamps, max_gap_s, path.name)
     poses, known = _for_frames(scan, table, path, max_gap_s)
     if not known.any():
         raise ScanError(
@@ -178,7 +180,26 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
         plan_from_world_axes=None,
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
         skipped=(*scan.skipped, *without),
+        warnings=(*scan.warnings, *told),
     )
+
+
+def in_seconds(
+    table: PoseTable, times: Float[np.ndarray, " n"], max_gap_s: float, name: str = "the trajectory"
+) -> tuple[PoseTable, list[str]]:
+    """Poses by a clock that counts seconds, as images at `times` (s) show that theirs does not, and what to
+    say of it.
+    """
+    ordered, known = np.sort(table.keys), []
+    for unit in CLOCK_UNITS:
+        at = np.searchsorted(ordered, times / unit)
+        ends = ordered[np.clip([at - 1, at], 0, len(ordered) - 1)]
+        known.append(int((np.abs(ends * unit - times).min(axis=0) <= max_gap_s).sum()))
+    unit = CLOCK_UNITS[int(np.argmax(known))]  # the first of equals
+    if unit == 1.0:
+        return table, []
+    told = f"times of {name} are {clock_unit(unit)}, not seconds, as those of the images show"
+    return replace(table, keys=table.keys * unit), [told]
 
 
 def _for_frames(

@@ -218,6 +218,21 @@ def write_tum(
     path.write_text("\n".join(lines) + "\n")
 
 
+def contradicts_path(times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether the path is longer in the order of times than as listed: they are of several clocks, or are
+    durations."""
+    by_time = positions[np.argsort(times, kind="stable")]
+    as_listed_m, by_time_m = (
+        np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (positions, by_time)
+    )
+    return bool(by_time_m > as_listed_m)
+
+
+def are_of_a_clock(times: Float[np.ndarray, " n"], positions: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether times tell the order of positions: they do not repeat, nor contradict the path."""
+    return len(np.unique(times)) == len(times) and not contradicts_path(times, positions)
+
+
 def pair_times(
     times: Float[np.ndarray, " n"], other_times: Float[np.ndarray, " m"], max_gap_s: float
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:

@@ -58,7 +58,8 @@ def median_depth_m(scan: Scan) -> float | None:
         ScanError: nothing was measured in any of these frames.
     """
     medians = []
-    frames = np.unique(np.linspace(0, len(scan) - 1, N_DEPTH_FRAMES).astype(int))
+    having = np.flatnonzero(np.array(scan.lacking) != "depth")
+    frames = having[np.unique(np.linspace(0, len(having) - 1, N_DEPTH_FRAMES).astype(int))]
     n_read = 0
     for i in frames:
         try:

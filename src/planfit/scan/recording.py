@@ -6,7 +6,7 @@ are `RecordedFiles`. All formats take this way: image files, videos, bags and ar
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
@@ -26,7 +26,7 @@ from planfit.scan.images.lens import (
     working_camera,
 )
 from planfit.scan.poses import is_lost, name_lost_frames
-from planfit.scan.types import Scan, ScanOptions
+from planfit.scan.types import Image, Scan, ScanOptions
 from planfit.scan.views import MAX_CORRUPT_SHARE
 
 Size = tuple[int, int]
@@ -52,22 +52,25 @@ class Frame:
     """What its `StoredImages` know the colour image by: the name of a file, mostly. Empty: the frame is depth
     alone, and its pose and lens are those of the depth camera."""
     depth: str
+    """Empty: there is none, and the frame goes with its neighbours."""
     confidence: str = ""
     """Of the depth; frames without use all of it."""
     size: Size | None = None
     """Of its colour and depth, as the format tells it for each frame; without, all must be of one size."""
+    lacks: Image = ""
+    """The image that others have and it has not, as `scan_from_recording` finds it."""
 
 
 @runtime_checkable
 class StoredImages(Protocol):
     """Images as they are stored, before lens and size are seen to. Safe to use from several threads."""
 
-    def missing(self, frame: Frame) -> str:  # noqa: ARG002
-        """The image that is not there; empty where all are. Of a frame without colour only depth counts."""
-        return ""
+    def missing(self, frame: Frame) -> tuple[str, ...]:  # noqa: ARG002
+        """Images that a frame names and are not there."""
+        return ()
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
-        """Of colour and depth, without decoding them; of depth alone, twice that of the depth.
+        """Of colour and depth, without decoding them; of one that a frame does not name, that of the other.
 
         Raises:
             ScanError: one of them is no whole image.
@@ -183,7 +186,7 @@ class RecordedFiles:
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
         """Colour image, RGB; None where the frame is depth alone."""
-        if not self.frames[frame_idx].color:
+        if not self.frames[frame_idx].color or self.frames[frame_idx].lacks == "colour":
             return None
         view = self.views[frame_idx]
         image = self.recording.images.color(self.frames[frame_idx])
@@ -193,6 +196,8 @@ class RecordedFiles:
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
         """Depth, float32 m along the optical axis, NaN where nothing was measured."""
         view = self.views[frame_idx]
+        if self.frames[frame_idx].lacks == "depth":
+            return np.full((view.camera.height, view.camera.width), np.nan, dtype=np.float32)
         depth = self.recording.images.depth(self.frames[frame_idx])
         self._check_size(frame_idx, "depth", depth, view.depth_lens)
         color_from_depth = self.recording.color_from_depth
@@ -251,7 +256,7 @@ class RecordedFiles:
 
 
 def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
-    """The scan of a recording; frames without pose, depth, or the colour they name are left out and named.
+    """The scan of a recording; frames without a pose or any image are left out and named.
 
     Raises:
         ScanError: no frames are left, or their files contradict each other.
@@ -276,6 +281,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         world_from_cams=np.stack([frame.world_from_cam for frame in frames]).astype(float),
         files=RecordedFiles(recording, frames, views),
         has_color=any(frame.color for frame in frames),
+        lacking=tuple(frame.lacks for frame in frames),
         has_labels=recording.labels is not None,
         up_world=recording.up_world,
         plan_from_world_axes=recording.plan_from_world_axes,
@@ -283,13 +289,29 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         fingerprint=recording.fingerprint,
         format=recording.format,
         skipped=tuple(skipped),
-        warnings=(*recording.warnings, *lost, *recording.images.warnings(frames)),
+        warnings=(*recording.warnings, *lost, *recording.images.warnings(frames), *_lacks(frames)),
     )
 
 
-def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
-    """Frames that have a pose, depth, and the colour they name, and a line for each that is left out.
+def _lacks(frames: Sequence[Frame]) -> list[str]:
+    """What to say of frames that lack an image."""
+    held: dict[Image, str] = {
+        "colour": "are held by the recorded motion between their neighbours, or by depth alone",
+        "depth": "are held by the recorded motion between their neighbours",
+    }
+    found = []
+    for image, by in held.items():
+        ids = [frame.frame_id for frame in frames if frame.lacks == image]
+        if ids:
+            named = ", ".join(ids[:3]) + ("" if len(ids) <= 3 else " and others")
+            found.append(f"{len(ids)} of {len(frames)} frames have no {image} and {by}: {named}")
+    return found
 
+
+def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
+    """Frames that have a pose and an image, and a line for each that is left out.
+
+    Of an image that one lacks the size is that of the others.
     Only headers and ends of files are looked at, so that long scans are listed in seconds.
 
     Raises:
@@ -300,25 +322,53 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
     skipped = [*recording.skipped]
     skipped += [f"frame {frame.frame_id}: the tracker had no pose" for frame in lost]
     kept: list[UsableFrame] = []
+    partial: list[tuple[int, UsableFrame]] = []  # and how many others stand before it
     errors: list[ScanError] = []
     first: dict[bool, UsableFrame] = {}  # with colour and without
     for frame in posed:
         missing = recording.images.missing(frame)
-        if missing:
-            skipped.append(f"frame {frame.frame_id}: {missing} is missing")
+        lacks_depth = not frame.depth or frame.depth in missing
+        lacks_color = frame.color in missing
+        if lacks_depth and (lacks_color or not frame.color):
+            skipped.append(f"frame {frame.frame_id}: {(*missing, 'an image')[0]} is missing")
             continue
+        if lacks_depth or lacks_color:
+            frame = replace(frame, lacks="depth" if lacks_depth else "colour")
         try:
-            found = UsableFrame(frame, *recording.images.sizes(frame))
+            found = UsableFrame(frame, *recording.images.sizes(_with_images_there(frame)))
         except ScanError as error:
             errors.append(error)
             skipped.append(f"frame {frame.frame_id}: {error}")
+            continue
+        if frame.lacks:
+            partial.append((len(kept), found))
             continue
         alike = first.setdefault(bool(frame.color), found)
         _check_sizes(recording.path, found, alike)
         kept.append(found)
     if len(errors) > MAX_CORRUPT_SHARE * len(posed):
         raise errors[0]
+    if (whole := first.get(True)) is None:
+        for frame in (one.frame for _, one in partial):
+            name = frame.depth if frame.lacks == "depth" else frame.color
+            skipped.append(f"frame {frame.frame_id}: {name or 'depth'} is missing")
+        return kept, skipped
+    for place, found in reversed(partial):
+        size = found.frame.size
+        if found.frame.lacks == "depth":
+            filled = replace(found, depth_size=size or whole.depth_size)
+        else:
+            filled = replace(found, color_size=size or whole.color_size)
+        _check_sizes(recording.path, filled, whole)
+        kept.insert(place, filled)
     return kept, skipped
+
+
+def _with_images_there(frame: Frame) -> Frame:
+    """A frame that names no image which is not there."""
+    if frame.lacks == "depth":
+        return replace(frame, depth="")
+    return replace(frame, color="") if frame.lacks == "colour" else frame
 
 
 def _check_sizes(path: Path, found: UsableFrame, first: UsableFrame) -> None:

@@ -83,6 +83,11 @@ def number_table(text: str) -> Float[np.ndarray, "rows columns"] | None:
         return None
 
 
+def with_decimal_point(word: str) -> str:
+    """A number whose decimal mark is a comma with a point instead; any other word as it is."""
+    return word.replace(",", ".") if _WITH_COMMA.fullmatch(word) else word
+
+
 def with_decimal_points(text: str, path: Path) -> str:
     """A table of numbers whose decimal mark is a comma, as programs write in many a country's settings, with
     points instead; any other text as it is.

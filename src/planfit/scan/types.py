@@ -20,6 +20,9 @@ MAX_STEP_M = 20.0
 millimetres look like it."""
 
 
+Image = Literal["", "colour", "depth"]
+
+
 @dataclass(frozen=True)
 class ScanOptions(Changeable):
     """Choices of the readers; most formats need none."""
@@ -180,6 +183,9 @@ class Scan:
     files: ScanFiles
     has_color: bool = True
     """Whether any frame has a colour image; without, `files.color` gives None for all."""
+    lacking: tuple[Image, ...] = ()
+    """The image that each frame lacks while others have it: those follow the recorded motion between their
+    neighbours, or are matched by depth alone. Without, none lacks any."""
     has_labels: bool = False
     """Whether `files.labels` gives what each pixel shows."""
     up_world: Float[np.ndarray, "3"] | None = None
@@ -210,8 +216,11 @@ class Scan:
                 f"found {self.world_from_cams.shape}"
             )
         object.__setattr__(self, "world_from_cams", self._checked_poses())
-        steps_m = np.linalg.norm(np.diff(self.world_from_cams[:, :3, 3], axis=0), axis=1)
-        if n > 1 and np.median(steps_m) > MAX_STEP_M:
+        if len(self.lacking) != n:
+            object.__setattr__(self, "lacking", ("",) * n)
+        whole = np.array([not image for image in self.lacking])
+        steps_m = np.linalg.norm(np.diff(self.world_from_cams[whole, :3, 3], axis=0), axis=1)
+        if len(steps_m) and np.median(steps_m) > MAX_STEP_M:
             raise ScanError(
                 f"{self.name}: expected poses in metres, found {np.median(steps_m):.4g} m between "
                 "frames; divide translations by 1000 if they are millimetres"

@@ -47,6 +47,7 @@ def select_frames(
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
         frame_ids=tuple(scan.frame_ids[i] for i in frame_idx),
         timestamps=scan.timestamps[frame_idx],
+        lacking=tuple(scan.lacking[i] for i in frame_idx),
         cameras=tuple(scan.cameras[i] for i in frame_idx),
         world_from_cams=world_from_cams,
         files=SelectedFiles(scan.files, frame_idx),

@@ -76,6 +76,8 @@ class LearnedBackEnd:
         Raises:
             ScanError: the depth image is not as large as the frame's camera says.
         """
+        if self._scan.lacking[frame_idx] == "colour":
+            return np.zeros(depth.shape, dtype=np.uint8)
         batch, number = divmod(frame_idx, self._batch_size)
         with self._lock:  # one batch at a time: the model has all cores, or the GPU
             if batch not in self._batches:
@@ -93,7 +95,9 @@ class LearnedBackEnd:
         return labels
 
     def _color(self, frame_idx: int) -> np.ndarray:
-        image = self._scan.files.color(frame_idx)
+        image, camera = self._scan.files.color(frame_idx), self._scan.cameras[frame_idx]
+        if self._scan.lacking[frame_idx] == "colour":
+            return np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
         if image is None:
             raise ScanError(
                 f"{self._scan.name}: frame {self._scan.frame_ids[frame_idx]}: expected a colour image "

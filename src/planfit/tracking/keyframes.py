@@ -5,7 +5,7 @@ keyframes; all other frames follow them by the recorded motion, which over a few
 anything else that is known. Where the tracker is in doubt, more frames are taken.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from planfit.errors import require_positive
 from planfit.geometry import se3
 from planfit.priors import FRAME_RATE_HZ, VIEW_DISTANCE_M
 from planfit.scan.odometry import step_sizes
+from planfit.scan.types import Image
 from planfit.tracking.lost import REACH
 from planfit.tracking.lost_runs import MAX_SHARE, MIN_FRAMES, is_identity, runs, stands_still
 from planfit.tracking.trajectory import frame_times
@@ -53,30 +54,61 @@ class KeyframeOptions:
 
 
 def choose_keyframes(
-    world_from_cams: Poses, timestamps: Float[np.ndarray, " n"], options: KeyframeOptions
+    world_from_cams: Poses,
+    timestamps: Float[np.ndarray, " n"],
+    options: KeyframeOptions,
+    lacking: Sequence[Image] = (),
 ) -> Int[np.ndarray, " k"]:
     """Indices of keyframes, increasing; the first and the last frame are among them.
+
+    Frames that lack an image are none, but for those without colour where others are too far apart.
 
     Args:
         world_from_cams: recorded poses, in whatever convention.
         timestamps: of the frames, s, or frame numbers.
         options: how far keyframes may be apart.
+        lacking: the image that each frame lacks; none lacks any without.
     """
-    n = len(world_from_cams)
-    if n < options.min_frames:
-        return np.arange(n)
+    if not any(lacking):
+        return _chosen(world_from_cams, timestamps, options)
+    n, lacks = len(world_from_cams), np.array(lacking)
+    whole = np.union1d(np.flatnonzero(lacks == ""), [0, n - 1])
+    gone = _gone(world_from_cams, timestamps, options)[:, whole]
+    is_far = np.repeat((np.diff(gone) > 1.0).any(axis=0), np.diff(whole))
+    by_depth = np.flatnonzero((lacks[:-1] == "colour") & is_far)
+    seen = np.union1d(whole, by_depth)
+    return seen[_chosen(world_from_cams[seen], timestamps[seen], options)]
+
+
+def _gone(
+    world_from_cams: Poses, timestamps: Float[np.ndarray, " n"], options: KeyframeOptions
+) -> Float[np.ndarray, "3 n"]:
+    """How far each frame is from the first along the path, in shares of what is allowed between keyframes."""
     length, angle = step_sizes(se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:])
-    times = frame_times(timestamps)
-    times_s = times.intervals * (times.interval_s or 1.0 / UNTIMED_FPS)
-    # What a frame is away from the last keyframe, in shares of what is allowed, each along the path.
-    gone = np.stack(
+    return np.stack(
         [
             _summed(length) / options.max_step_m,
             _summed(angle) / np.deg2rad(options.max_rotation_deg),
-            times_s / options.max_interval_s,
+            _times_s(timestamps) / options.max_interval_s,
         ]
     )
-    blur = _blur(length, angle, np.diff(times_s))
+
+
+def _times_s(timestamps: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    times = frame_times(timestamps)
+    return times.intervals * (times.interval_s or 1.0 / UNTIMED_FPS)
+
+
+def _chosen(
+    world_from_cams: Poses, timestamps: Float[np.ndarray, " n"], options: KeyframeOptions
+) -> Int[np.ndarray, " k"]:
+    """Keyframes among frames that all may be."""
+    n = len(world_from_cams)
+    if n < options.min_frames:
+        return np.arange(n)
+    gone = _gone(world_from_cams, timestamps, options)
+    length, angle = step_sizes(se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:])
+    blur = _blur(length, angle, np.diff(_times_s(timestamps)))
     chosen, last = [0], 0
     for i in range(1, n - 1):
         # The next frame would go beyond: this one is the last that is near enough. Before a jump it is beyond

@@ -102,7 +102,6 @@ some frames.
         confidence="conf_{}.png",
         poses="frame_{}.json",
         read=_read_scanner_app,
-        is_led_by_poses=True,
     ),
     lens=each_frame(_lens),
     write=_writing("frame_{}.json", lambda pose: {"cameraPoseARFrame": pose}),
@@ -143,13 +142,12 @@ def _polycam_frames(source: FileSource, options: ScanOptions) -> Listing[Cameras
         for name in ("images", "depth")
     )
     frames = FileAFrame(
-        color=Names(f"{colors}/{{}}.jpg", f"{top}images/{{}}.jpg", key=".+"),
-        depth=Names(f"{depths}/{{}}.png", key=".+"),
+        color=Names(f"{colors}/{{}}.jpg", f"{top}images/{{}}.jpg", key="[^.]+"),
+        depth=Names(f"{depths}/{{}}.png", key="[^.]+"),
         confidence=f"{top}confidence/{{}}.png",
         poses=f"{prefix}cameras/{{}}.json",
         read=_read_polycam,
-        is_led_by_poses=True,
-        key=".+",
+        key="[^.]+",
     )
     listing = frames(source, options)
     return replace(listing, frames=sorted(listing.frames, key=lambda frame: frame.time))

@@ -12,7 +12,7 @@ from planfit.errors import ScanError
 from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M, decode_depth
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
-from planfit.scan.poses import check_recorded_pose, from_opengl
+from planfit.scan.poses import are_of_a_clock, check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, number_list, read_json
@@ -106,11 +106,7 @@ def _times(listed: Sequence[object]) -> tuple[list[float], list[str]]:
         positions = np.array(matrices, dtype=float).reshape(-1, 4, 4)[:, :3, 3]
     except (ValueError, TypeError):
         return times, []  # the matrix that is none is named when it is read
-    by_time = positions[np.argsort(times, kind="stable")]
-    as_listed_m, by_time_m = (
-        np.linalg.norm(np.diff(p, axis=0), axis=1).sum() for p in (positions, by_time)
-    )
-    if len(set(times)) == len(times) and not by_time_m > as_listed_m:
+    if are_of_a_clock(np.array(times), positions):
         return times, []
     return places, [
         f"timestamps of {NAME} repeat or contradict the path, as of several clocks: frames are in the order "

@@ -1,7 +1,6 @@
 """OpenLORIS-Scene: a robot's RealSense, images listed as TUM lists them, and poses of the robot's base."""
 
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -9,14 +8,13 @@ from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.formats.tum import read_list
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pose_files import read_poses_of
-from planfit.scan.poses import check_pose, pair_times, poses_at, write_tum
-from planfit.scan.recording import Frame
+from planfit.scan.poses import check_pose, write_tum
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import shorten
+from planfit.scan.timed_lists import frames_of_lists, read_list
 from planfit.scan.types import ScanOptions
 
 COLORS, DEPTHS, POSES = "color.txt", "aligned_depth.txt", "groundtruth.txt"
@@ -34,29 +32,12 @@ class _Robot:
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Robot]:
     gap_s = options.max_time_gap_s
-    color_times, color_names = read_list(source, COLORS)
-    depth_times, depth_names = read_list(source, DEPTHS)
-    mine, depth = pair_times(color_times, depth_times, gap_s)
-    table = read_poses_of(source, POSES)
-    base_poses, known = poses_at(table.keys, table.poses, color_times[mine], gap_s)
-    if not known.any():
-        raise ScanError(
-            f"{source.path}: expected times of {COLORS}, {DEPTHS} and {POSES} within {gap_s:g} s of each "
-            "other, found none; are they of one recording? Else give --max-time-gap-s"
-        )
-    robot = _Robot(_lens(source), _mount(source))
-    frames = [
-        Frame(
-            Path(color_names[i]).stem, float(color_times[i]), pose, color_names[i], depth_names[j]
-        )
-        for i, j, pose in zip(
-            mine[known], depth[known], base_poses[known] @ robot.base_from_cam, strict=True
-        )
-    ]
-    lone = np.setdiff1d(np.arange(len(color_times)), mine)
-    skipped = [f"frame {color_names[i]}: no depth within {gap_s:g} s" for i in lone]
-    skipped += [f"frame {color_names[i]}: no pose within {gap_s:g} s" for i in mine[~known]]
-    return Listing(source, frames, robot, [COLORS, DEPTHS, POSES, SENSORS, MOUNTS], skipped)
+    color, depth = read_list(source, COLORS), read_list(source, DEPTHS)
+    table, robot = read_poses_of(source, POSES), _Robot(_lens(source), _mount(source))
+    table = replace(table, poses=table.poses @ robot.base_from_cam)
+    found = frames_of_lists(source.path, color, depth, table, POSES, gap_s)
+    tables = [COLORS, DEPTHS, POSES, SENSORS, MOUNTS]
+    return Listing(source, found.frames, robot, tables, found.skipped, found.warnings)
 
 
 def _opened(source: FileSource, name: str) -> cv2.FileStorage:

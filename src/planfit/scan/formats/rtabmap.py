@@ -54,8 +54,13 @@ class NodeImages(ImageFiles):
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth, from their headers."""
-        width, height = whole_image_size(self.source, frame.color)
-        depth = depth_size(self.source.ends(frame.depth)[0], self.source.path / frame.depth)
+        sizes = []
+        if frame.color:
+            sizes.append(whole_image_size(self.source, frame.color))
+        if frame.depth:
+            head = self.source.ends(frame.depth)[0]
+            sizes.append(depth_size(head, self.source.path / frame.depth))
+        (width, height), depth = sizes[0], sizes[-1]
         return (width // self.n_cameras, height), (depth[0] // self.n_cameras, depth[1])
 
     def color(self, frame: Frame) -> np.ndarray:

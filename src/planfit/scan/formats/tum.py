@@ -1,19 +1,16 @@
 """The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system."""
 
-from dataclasses import dataclass
-from pathlib import Path
-
 import numpy as np
-from jaxtyping import Float, Int
 
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.pose_files import PoseTable, read_poses, read_poses_of
-from planfit.scan.poses import pair_times, poses_at, write_tum
+from planfit.scan.poses import write_tum
 from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
-from planfit.scan.tables import first_of, read_matrix, read_rows, shorten
+from planfit.scan.tables import first_of, read_matrix, read_rows
+from planfit.scan.timed_lists import ImageList, columns_of_list, frames_of_lists, read_list
 from planfit.scan.types import ScanOptions
 
 POSES, CALIBRATION = "groundtruth.txt", "calibration.txt"
@@ -35,48 +32,17 @@ DEFAULT = (525.0, 525.0, 319.5, 239.5)
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ...]]:
     """Frames, and intrinsics and distortion of all of them."""
-    gap = options.max_time_gap_s
-    lists = _paired(source) or _listed(source, gap)
-    has_color, mine, depth = lists.has_color, lists.mine, lists.depth
-    color_times, color_names = lists.color_times, lists.color_names
-    depth_times, depth_names = lists.depth_times, lists.depth_names
+    color, depth, is_paired = _paired(source) or _listed(source)
     poses_name, table = _poses(source, options)
-    poses, known = poses_at(table.keys, table.poses, color_times[mine], gap)
-    skipped = [
-        f"frame {color_names[i]}: no depth within {gap:g} s"
-        for i in np.setdiff1d(np.arange(len(color_times)), mine)
-    ]
-    skipped += [f"frame {color_names[i]}: no pose within {gap:g} s" for i in mine[~known]]
-    if not known.any():
-        what = "depth" if not len(mine) else "poses"
-        images = "colour images" if has_color else "depth images"
-        other = depth_times if not len(mine) else table.keys
-        raise ScanError(
-            f"{source.path}: expected {what} within {gap:g} s of {images} (times "
-            f"{color_times.min():.6f} to {color_times.max():.6f}), found times {other.min():.6f} to "
-            f"{other.max():.6f}; are the lists of one recording? Else give --max-time-gap-s"
-        )
-    frames = [
-        Frame(
-            Path(color_names[i]).stem,
-            float(color_times[i]),
-            pose,
-            color_names[i] if has_color else "",
-            depth_names[j],
-        )
-        for i, j, pose, ok in zip(mine, depth, poses, known, strict=True)
-        if ok
-    ]
-    intrinsics, warning = _intrinsics(source)
-    tables = [n for n in (*lists.tables, poses_name, CALIBRATION) if source.exists(n)]
-    return Listing(
-        source,
-        frames,
-        intrinsics,
-        tables,
-        skipped,
-        [*warning, *([] if has_color else [NO_COLOR])],
+    name = poses_name or (options.poses.name if options.poses else "")
+    found = frames_of_lists(
+        source.path, color, depth, table, name, options.max_time_gap_s, is_paired
     )
+    intrinsics, warning = _intrinsics(source)
+    files = ("rgb.txt", "depth.txt") if not is_paired else (depth.file,)
+    tables = [n for n in (*files, poses_name, CALIBRATION) if source.exists(n)]
+    told = [*found.warnings, *warning, *([] if color else [NO_COLOR])]
+    return Listing(source, found.frames, intrinsics, tables, found.skipped, told)
 
 
 def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
@@ -84,42 +50,21 @@ def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
     return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
 
-@dataclass(frozen=True)
-class _Lists:
-    """Colour and depth with times (s), and which of them belong together."""
-
-    tables: tuple[str, ...]
-    has_color: bool
-    color_times: Float[np.ndarray, " n"]
-    color_names: list[str]
-    depth_times: Float[np.ndarray, " m"]
-    depth_names: list[str]
-    mine: Int[np.ndarray, " k"]
-    depth: Int[np.ndarray, " k"]
+def _listed(source: FileSource) -> tuple[ImageList | None, ImageList, bool]:
+    """Colour and depth as rgb.txt and depth.txt list images, each by its time."""
+    color = read_list(source, "rgb.txt") if source.exists("rgb.txt") else None
+    return color, read_list(source, "depth.txt"), False
 
 
-def _listed(source: FileSource, max_gap_s: float) -> _Lists:
-    """As rgb.txt and depth.txt list images, paired by time."""
-    depth_times, depth_names = read_list(source, "depth.txt")
-    has_color = source.exists("rgb.txt")
-    color = read_list(source, "rgb.txt") if has_color else (depth_times, depth_names)
-    mine, depth = pair_times(color[0], depth_times, max_gap_s)
-    tables = ("rgb.txt", "depth.txt") if has_color else ("depth.txt",)
-    return _Lists(tables, has_color, *color, depth_times, depth_names, mine, depth)
-
-
-def _paired(source: FileSource) -> _Lists | None:
+def _paired(source: FileSource) -> tuple[ImageList, ImageList, bool] | None:
     """As a list of pairs has them; None where there is none, or the two lists of the benchmark are there."""
     name = first_of(source, PAIRS)
     if not source.exists(name) or (source.exists("rgb.txt") and source.exists("depth.txt")):
         return None
     rows = read_rows(source, name, "lines `time colour time depth`")
-    firsts = _times_and_names(source, name, rows, 0)
-    seconds = _times_and_names(source, name, rows, 2)
-    n_depth = [sum("depth" in one.lower() for one in names) for _, names in (firsts, seconds)]
-    color, depth = (seconds, firsts) if n_depth[0] > n_depth[1] else (firsts, seconds)
-    order = np.argsort(color[0], kind="stable")
-    return _Lists((name,), True, *color, *depth, order, order)
+    first, second = (columns_of_list(source, name, rows, k, " time filename") for k in (0, 2))
+    n_depth = [sum("depth" in image.lower() for image in one.names) for one in (first, second)]
+    return (second, first, True) if n_depth[0] > n_depth[1] else (first, second, True)
 
 
 def _pose_file(source: FileSource) -> str:
@@ -149,35 +94,6 @@ def _poses(source: FileSource, options: ScanOptions) -> tuple[str, PoseTable]:
 def _write(refined: Refined[tuple[float, ...]]) -> None:
     times = np.array([frame.time for frame in refined.frames])
     write_tum(refined.directory / (_pose_file(refined.source) or POSES), times, refined.poses)
-
-
-def read_list(source: FileSource, name: str) -> tuple[Float[np.ndarray, " n"], list[str]]:
-    """Times (s) and names of images, in the order of their times.
-
-    Raises:
-        ScanError: lines are of another form.
-    """
-    rows = read_rows(source, name, "lines `time filename`")
-    times, names = _times_and_names(source, name, rows, 0)
-    order = np.argsort(times, kind="stable")
-    return times[order], [names[i] for i in order]
-
-
-def _times_and_names(
-    source: FileSource, name: str, rows: list[list[str]], column: int
-) -> tuple[Float[np.ndarray, " n"], list[str]]:
-    """Two columns of a list."""
-    try:
-        times = np.array([float(row[column]) for row in rows])
-        names = [row[column + 1] for row in rows]
-        if not np.isfinite(times).all():
-            raise ValueError(" ".join(rows[int(np.argmin(np.isfinite(times)))]))
-    except (ValueError, IndexError) as error:
-        pairs = " time filename" if name in PAIRS else ""
-        raise ScanError(
-            f"{source.path / name}: expected lines `time filename{pairs}`, found another ({shorten(error)})"
-        ) from error
-    return times, names
 
 
 def _intrinsics(source: FileSource) -> tuple[tuple[float, ...], list[str]]:

@@ -33,18 +33,16 @@ class ImageFiles:
     metres_per_float: float = 1.0
     """Of depth that is stored as floating-point numbers, as `.npy` or EXR, which programs write in metres."""
 
-    def missing(self, frame: Frame) -> str:
-        """The first image that is no file."""
-        if frame.color and not self.source.exists(frame.color):
-            return frame.color
-        if not frame.depth or not self.source.exists(frame.depth):
-            return frame.depth or "an image"
-        return ""
+    def missing(self, frame: Frame) -> tuple[str, ...]:
+        """Images that are no files."""
+        named = (frame.color, frame.depth)
+        return tuple(name for name in named if name and not self.source.exists(name))
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of colour and depth, from their headers."""
-        depth = whole_image_size(self.source, frame.depth)
-        return (whole_image_size(self.source, frame.color) if frame.color else depth), depth
+        named = [name for name in (frame.color, frame.depth) if name]
+        sizes = [whole_image_size(self.source, name) for name in named]
+        return sizes[0], sizes[-1]
 
     def warnings(self, frames: Sequence[Frame]) -> list[str]:
         """That files of confidence are missing; nothing where the recording has none at all."""

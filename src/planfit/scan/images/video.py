@@ -156,7 +156,8 @@ class VideoImages(ImageFiles):
 
     def sizes(self, frame: Frame) -> tuple[Size, Size]:
         """Of the video, and of the depth from its header."""
-        return (self.video.width, self.video.height), whole_image_size(self.source, frame.depth)
+        size = (self.video.width, self.video.height)
+        return size, (whole_image_size(self.source, frame.depth) if frame.depth else size)
 
     def color(self, frame: Frame) -> UInt8[np.ndarray, "h w 3"]:
         """Colour image, RGB."""

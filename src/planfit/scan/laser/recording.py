@@ -18,6 +18,7 @@ from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces, find_
 from planfit.scan.laser.instants import Instants, cut
 from planfit.scan.laser.kernels import move_by_time
 from planfit.scan.laser.trajectory import (
+    Columns,
     Trajectory,
     clock_unit,
     in_order,
@@ -221,7 +222,7 @@ def _path_of_cloud(file: CloudFile) -> Trajectory:
     if len(times) < 2:
         raise _no_path(file)
     poses = se3.make_transform(np.eye(3), places)
-    found = in_order(file.path, times, poses, ("time", "x", "y", "z"))
+    found = in_order(file.path, Columns(times, poses))
     steps_m = np.linalg.norm(np.diff(found.world_from_scanner[:, :3, 3], axis=0), axis=1)
     fastest_m_s = STEP_AT_VIDEO_RATE_M.value * FRAME_RATE_HZ.value
     if steps_m.sum() > fastest_m_s * np.ptp(found.times):

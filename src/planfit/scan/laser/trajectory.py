@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.poses import MAX_ENTRY, poses_at
+from planfit.scan.poses import MAX_ENTRY, contradicts_path, poses_at
 from planfit.scan.tables import shorten, with_decimal_points
 
 MAX_GAP_S = 0.2
@@ -133,6 +133,19 @@ class Trajectory:
         return self.separator.join(words[i] for i in kept)
 
 
+@dataclass(frozen=True)
+class Columns:
+    """Poses of a table, as listed; all else as `Trajectory` has it."""
+
+    times: Float[np.ndarray, " n"]
+    """In the unit of the table."""
+    poses: Float[np.ndarray, "n 4 4"]
+    columns: tuple[str, ...] = ("time", "x", "y", "z")
+    header: tuple[str, ...] = ()
+    rows: Sequence[tuple[str, ...]] = ()
+    separator: str = " "
+
+
 def read_trajectory(path: Path) -> Trajectory:
     """A trajectory of a text file.
 
@@ -160,6 +173,16 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
     Raises:
         ScanError: it is of another form, or leaves open what its columns mean.
     """
+    table = parse_columns(text, path)
+    return in_order(path, table)
+
+
+def parse_columns(text: str, path: Path) -> Columns:
+    """As `parse_trajectory`, as listed, and times as they are.
+
+    Raises:
+        ScanError: it is of another form, or leaves open what its columns mean.
+    """
     header, rows, separator = _split(with_decimal_points(text, path))
     if not rows:
         raise ScanError(f"{path}: expected {EXPECTED}, found no line of numbers")
@@ -183,23 +206,23 @@ def parse_trajectory(text: str, path: Path) -> Trajectory:
     named = {c: values[:, i] for i, c in enumerate(columns) if c}
     poses = _poses(path, named)
     times = named["time"] if "time" in named else named["time_ns"] / 1e9
-    return in_order(path, times, poses, tuple(columns), tuple(header), rows, separator)
+    return Columns(times, poses, tuple(columns), tuple(header), rows, separator)
 
 
-def in_order(
-    path: Path,
-    times: Float[np.ndarray, " n"],
-    poses: Float[np.ndarray, "n 4 4"],
-    columns: tuple[str, ...],
-    header: tuple[str, ...] = (),
-    rows: Sequence[tuple[str, ...]] = (),
-    separator: str = " ",
-) -> Trajectory:
+def in_order(path: Path, table: Columns) -> Trajectory:
     """Poses in the order of their times, as seconds.
 
     Raises:
         ScanError: times do not go on, or places are nowhere.
     """
+    times, poses, rows = table.times, table.poses, table.rows
+    if contradicts_path(times, poses[:, :3, 3]):
+        back = int(np.argmax(np.diff(times) < 0))
+        raise ScanError(
+            f"{path}: expected times that go on along the path, found {times[back + 1]:.6f} after "
+            f"{times[back]:.6f} (pose {back + 1}), as of several clocks, or durations; points of the cloud "
+            "cannot be told their places: export it with times of the cloud's clock, or each part alone"
+        )
     seconds_per_unit = seconds_of_unit(times, poses)
     order = np.argsort(times, kind="stable")
     times, poses = times[order] * seconds_per_unit, poses[order]
@@ -210,8 +233,9 @@ def in_order(
         )
     ordered = tuple(rows[i] for i in order) if rows else ()
     return Trajectory(
-        path, times, poses, columns, header, ordered, separator, np.zeros(3), seconds_per_unit
-    )
+        path, times, poses, table.columns, table.header, ordered, table.separator, np.zeros(3),
+        seconds_per_unit,
+    )  # fmt: skip
 
 
 def seconds_of_unit(times: Float[np.ndarray, " n"], poses: Float[np.ndarray, "n 4 4"]) -> float:
