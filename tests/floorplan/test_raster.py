@@ -24,6 +24,7 @@ from planfit.floorplan.raster.picture import (
     make_upright,
 )
 from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
+from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
@@ -161,6 +162,34 @@ def test_walls_that_differ_from_most_are_read(tmp_path: Path, wall: list[tuple])
         points, _ = segments.sample(np.reshape(lines, (-1, 2, 2)).astype(float), 1.0)
         distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
         assert (distance < 3.0).mean() > 0.9
+
+
+@pytest.mark.parametrize("corners", [
+    pytest.param([(20, 20), (120, 20), (120, 90)], id="an L"),
+    pytest.param([(20, 20), (120, 20), (120, 90), (60, 90), (60, 140)], id="an S"),
+    pytest.param([(20, 20), (120, 20), (70, 20), (70, 90), (100, 90)], id="with a branch"),
+])  # fmt: skip
+def test_outlines_follow_what_is_one_pixel_thick(corners: list[tuple[int, int]]) -> None:
+    mask = np.zeros((160, 160), np.uint8)
+    cv2.polylines(mask, [np.array(corners)], False, (1,))
+    (region,) = trace_regions(mask, 1.0)
+    outline = shapely.segmentize(region.exterior, 1.0)
+    points = shapely.points(shapely.get_coordinates(outline))
+    away = shapely.distance(shapely.LineString(corners), points)
+    assert away.max() < 3.0
+    assert region.area == pytest.approx(3.0 * shapely.LineString(corners).length, rel=0.2)
+
+
+def test_thin_double_lines_that_blur_into_one_another_are_parted(tmp_path: Path) -> None:
+    partition = [(750, 104, 750, 330), (750, 420, 750, 796), (304, 420, 650, 420)]
+    thin = [(u0 + s * (u0 == u1), v0 + s * (v0 == v1), u1 + s * (u0 == u1), v1 + s * (v0 == v1))
+            for u0, v0, u1, v1 in partition for s in (-2, 2)]  # fmt: skip
+    image = line_drawing(np.array([*ROOMS[:8], *thin]), line_px=2)
+    half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    plan = read_floorplan(saved(tmp_path / "plan.png", half))
+    points, _ = segments.sample(np.reshape(partition, (-1, 2, 2)) / 2.0, 1.0)
+    distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
+    assert (distance < 3.0).mean() > 0.9
 
 
 def test_a_wall_around_a_yard_is_no_storey() -> None:

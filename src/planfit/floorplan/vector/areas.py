@@ -14,6 +14,7 @@ from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
+from planfit.floorplan.vector.sheet import LONGEST_TICK
 from planfit.geometry import segments
 
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
@@ -52,8 +53,9 @@ def sort_fills(
         area = shapely.union_all([p.buffer(1e-6 * extent, join_style="mitre") for p in polygons])
         # Rooms of one colour that touch are one, unless white is what they all are on a tinted page.
         parts = shapely.get_parts(np.array(polygons) if _is_white(colour) else area)
+        parts = parts[~_are_arrowheads(parts, extent)]
         sizes = shapely.area(parts)
-        perimeters = np.array([_outline_length(p) for p in parts])
+        perimeters = shapely.length(parts)
         parts = parts[sizes > (1e-3 * extent) ** 2]
         if len(parts) == 0:
             continue
@@ -77,12 +79,15 @@ def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
     return bool(reach > 0.1 * extent)
 
 
-def _outline_length(polygon: BaseGeometry) -> float:
-    return float(shapely.length(polygon))
-
-
 def _is_white(colour: tuple[int, int, int] | None) -> bool:
     return colour is not None and min(colour) > 245
+
+
+def _are_arrowheads(parts: Shaped[np.ndarray, " n"], extent: float) -> Bool[np.ndarray, " n"]:
+    """Small triangles that touch no other area: marks of sections, of entrances, and of north."""
+    rings = shapely.simplify(shapely.get_exterior_ring(parts), 1e-3 * extent)
+    reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max(axis=1)
+    return (shapely.get_num_coordinates(rings) == 4) & (reach < LONGEST_TICK * extent)
 
 
 def without_paper(
