@@ -181,13 +181,27 @@ def test_outlines_follow_what_is_one_pixel_thick(corners: list[tuple[int, int]])
 
 
 def test_thin_double_lines_that_blur_into_one_another_are_parted(tmp_path: Path) -> None:
-    partition = [(750, 104, 750, 330), (750, 420, 750, 796), (304, 420, 650, 420)]
-    thin = [(u0 + s * (u0 == u1), v0 + s * (v0 == v1), u1 + s * (u0 == u1), v1 + s * (v0 == v1))
-            for u0, v0, u1, v1 in partition for s in (-2, 2)]  # fmt: skip
-    image = line_drawing(np.array([*ROOMS[:8], *thin]), line_px=2)
-    half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    plan = read_floorplan(saved(tmp_path / "plan.png", half))
-    points, _ = segments.sample(np.reshape(partition, (-1, 2, 2)) / 2.0, 1.0)
+    thick, thin = (0, 204, 0, 0, 0, 204, 0), (68, 163, 163, 49)
+    """Darkness across a wall, of 255: each line 0.8 px wide."""
+    image = np.full((720, 960), 255, np.uint8)
+
+    def add(u0: int, v0: int, u1: int, v1: int, across: tuple[int, ...]) -> None:
+        for k, dark in enumerate(across):
+            if u0 == u1:
+                image[v0:v1, u0 + k] = np.minimum(image[v0:v1, u0 + k], 255 - dark)
+            else:
+                image[v0 + k, u0:u1] = np.minimum(image[v0 + k, u0:u1], 255 - dark)
+
+    for wall in ((50, 50, 907, 50), (50, 650, 907, 650), (50, 50, 50, 657), (900, 50, 900, 657)):
+        add(*wall, thick)
+    for box in ((57, 52, 900, 55), (57, 652, 900, 655), (52, 57, 55, 650), (902, 57, 905, 650)):
+        image[box[1] : box[3], box[0] : box[2]] = 255
+    inner = [(500, 57, 500, 250), (500, 320, 500, 650), (57, 400, 420, 400)]
+    for wall in inner:
+        add(*wall, thin)
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    assert plan.source.kind.endswith("walls double lines")
+    points, _ = segments.sample(np.reshape(inner, (-1, 2, 2)) + 1.5, 1.0)
     distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
     assert (distance < 3.0).mean() > 0.9
 

@@ -54,6 +54,8 @@ as large again are not shrunk: shrinking by a little blurs thin lines the most."
 TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 """Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
 differ by less than a pixel there, and no least thickness in pixels parts them."""
+LINES_ENLARGED = 2
+"""Pictures whose walls are lines one pixel wide are enlarged so many times, the least that parts lines."""
 FAINT_LINE = 0.5 * LINE
 """Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
 be dark: between two plans is blank paper."""
@@ -100,9 +102,9 @@ def plan_of_picture(
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
         small, interpretation = _interpreted(small, upright)
-        larger = min(int(1.5 * WORK_SIDE_PX / max(small.shape)), MOST_ENLARGED)
-        if interpretation is not None and larger > 1 and _are_lines_touching(interpretation):
-            shrink /= larger
+        is_small = LINES_ENLARGED * max(small.shape) <= 1.5 * WORK_SIDE_PX
+        if interpretation is not None and is_small and _are_lines_touching(interpretation):
+            shrink /= LINES_ENLARGED
             small, interpretation = _interpreted(_shrunk(upright.darkness, shrink), upright)
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
