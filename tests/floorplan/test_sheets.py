@@ -66,5 +66,5 @@ def test_triangles_beside_filled_walls_are_marks() -> None:
     mark = shapely.Polygon([(280, 450), (300 - 4, 440), (300 - 4, 460)])
     fills = tuple(Fill(polygon, 0, (0, 0, 0)) for polygon in [*pieces, mark])
     for role in (Role.UNKNOWN, Role.WALL):
-        walls = shapely.union_all(sort_fills(fills, [role], 1600.0).walls)
+        walls = shapely.union_all(sort_fills(fills, [role], 1600.0, np.zeros((0, 2, 2))).walls)
         assert walls.symmetric_difference(wall).area < 1e-3 * wall.area

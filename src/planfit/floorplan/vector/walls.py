@@ -267,7 +267,7 @@ def _solids_and_rooms(
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
     """Filled and hatched areas: solid walls, and floors of rooms."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
-    areas = sort_fills(fills, roles, extent, is_paper_white)
+    areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
     slim = [area for area in hatched if _is_slim(area)]
