@@ -40,6 +40,7 @@ from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
@@ -191,7 +192,7 @@ def walls_of_drawing(
         faces,
         tuple(dict.fromkeys([*used, *sorted(set(names))])),
         tuple(dropped),
-        found.warnings,
+        (*found.warnings, *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
         np.concatenate([windows.openings, doors.openings, others.openings]),
