@@ -143,10 +143,10 @@ def _interpreted(
 
 
 def _are_lines_touching(interpretation: Interpretation) -> bool:
-    """Whether walls are drawn as lines one pixel wide: what is between two of them is then half on the lines'
-    own pixels, and a thin wall one bar hardly wider than a line."""
+    """Whether walls are drawn as two lines one pixel wide: what is between them is then half on the lines' own
+    pixels, and a thin wall one bar hardly wider than a line."""
     candidate = interpretation.candidate
-    return candidate.edge == "stroke" and candidate.grow_px <= 0.5
+    return candidate.style.startswith("double lines") and candidate.grow_px <= 0.5
 
 
 def _with_words_seen(plan: Floorplan, small: Float[np.ndarray, "h w"]) -> Floorplan:

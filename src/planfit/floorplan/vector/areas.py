@@ -14,15 +14,12 @@ from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
-from planfit.floorplan.vector.sheet import LONGEST_TICK
+from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
 from planfit.geometry import segments
 
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
 drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
-
-OUTLINED = 0.9
-"""Of the edge of an area, and of such areas, what has a line where areas have outlines."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +103,8 @@ def _have_outlines(
     for i in np.unique(part):
         around = shapely.buffer(shapely.union_all(lines[line[part == i]]), near)
         drawn[i] = shapely.length(shapely.intersection(edges[i], around))
-    has_outline = drawn > OUTLINED * shapely.length(edges)
-    return bool(has_outline.mean() > OUTLINED)
+    has_outline = drawn > WHOLE * shapely.length(edges)
+    return bool(has_outline.mean() > WHOLE)
 
 
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:

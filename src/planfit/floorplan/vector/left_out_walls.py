@@ -10,14 +10,12 @@ from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.double_lines import PARALLEL_SINE, LineFaces
 from planfit.floorplan.vector.line_work import cut_out
-from planfit.floorplan.vector.single_lines import NETWORK, body_of_faces
+from planfit.floorplan.vector.single_lines import BESIDE_REACH, NETWORK, body_of_faces
 from planfit.geometry import segments
 
 DOUBTFUL_SHARE = 0.15
 """Of the length of faces, long lines that were left out and go from wall to wall: 0.08 at most of 12 plans
 that were read right, 0.18 and more of two whose partitions were left out."""
-MEETS = 8e-3
-"""Of the drawing's size, how near an end is to what it meets: half a wall that another is drawn without."""
 
 
 def left_out_words(candidates: Candidates, faces: LineFaces, extent: float) -> tuple[str, ...]:
@@ -46,21 +44,21 @@ def _lines_between_walls(
     """Long lines away from faces whose both ends meet faces, or other such lines."""
     ends = ends[segments.lengths(ends) > NETWORK * extent]
     walls = line_strings(faces.ends)
-    near = shapely.buffer(shapely.union_all(walls), 0.5 * MEETS * extent)
+    near = shapely.buffer(shapely.union_all(walls), 0.5 * BESIDE_REACH * extent)
     body = shapely.union(near, body_of_faces(faces, extent))
     left, _ = cut_out(ends, body, NETWORK * extent)
-    left = left[~_are_panes(left, faces, MEETS * extent)]
+    left = left[~_are_panes(left, faces, BESIDE_REACH * extent)]
     count = -1
     while len(left) not in (0, count):
         count = len(left)
         others = np.concatenate([line_strings(left), walls])
-        reach = np.full(count, MEETS * extent)
+        reach = np.full(count, BESIDE_REACH * extent)
         left = left[ends_that_meet(left, np.arange(count), others, reach).all(axis=1)]
     if len(left) == 0:
         return left
     # What touches no wall by any other line is a frame, or furniture.
-    group = groups_within(left, MEETS * extent)
-    touches = shapely.distance(line_strings(left), shapely.union_all(walls)) < MEETS * extent
+    group = groups_within(left, BESIDE_REACH * extent)
+    touches = shapely.distance(line_strings(left), shapely.union_all(walls)) < BESIDE_REACH * extent
     return left[(np.bincount(group, touches) > 0)[group]]
 
 
