@@ -24,6 +24,7 @@ from planfit.floorplan.raster.picture import (
     make_upright,
 )
 from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
+from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
@@ -161,6 +162,48 @@ def test_walls_that_differ_from_most_are_read(tmp_path: Path, wall: list[tuple])
         points, _ = segments.sample(np.reshape(lines, (-1, 2, 2)).astype(float), 1.0)
         distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
         assert (distance < 3.0).mean() > 0.9
+
+
+@pytest.mark.parametrize("corners", [
+    pytest.param([(20, 20), (120, 20), (120, 90)], id="an L"),
+    pytest.param([(20, 20), (120, 20), (120, 90), (60, 90), (60, 140)], id="an S"),
+    pytest.param([(20, 20), (120, 20), (70, 20), (70, 90), (100, 90)], id="with a branch"),
+])  # fmt: skip
+def test_outlines_follow_what_is_one_pixel_thick(corners: list[tuple[int, int]]) -> None:
+    mask = np.zeros((160, 160), np.uint8)
+    cv2.polylines(mask, [np.array(corners)], False, (1,))
+    (region,) = trace_regions(mask, 1.0)
+    outline = shapely.segmentize(region.exterior, 1.0)
+    points = shapely.points(shapely.get_coordinates(outline))
+    away = shapely.distance(shapely.LineString(corners), points)
+    assert away.max() < 3.0
+    assert region.area == pytest.approx(3.0 * shapely.LineString(corners).length, rel=0.2)
+
+
+def test_thin_double_lines_that_blur_into_one_another_are_parted(tmp_path: Path) -> None:
+    thick, thin = (0, 204, 0, 0, 0, 204, 0), (68, 163, 163, 49)
+    """Darkness across a wall, of 255: each line 0.8 px wide."""
+    image = np.full((720, 960), 255, np.uint8)
+
+    def add(u0: int, v0: int, u1: int, v1: int, across: tuple[int, ...]) -> None:
+        for k, dark in enumerate(across):
+            if u0 == u1:
+                image[v0:v1, u0 + k] = np.minimum(image[v0:v1, u0 + k], 255 - dark)
+            else:
+                image[v0 + k, u0:u1] = np.minimum(image[v0 + k, u0:u1], 255 - dark)
+
+    for wall in ((50, 50, 907, 50), (50, 650, 907, 650), (50, 50, 50, 657), (900, 50, 900, 657)):
+        add(*wall, thick)
+    for box in ((57, 52, 900, 55), (57, 652, 900, 655), (52, 57, 55, 650), (902, 57, 905, 650)):
+        image[box[1] : box[3], box[0] : box[2]] = 255
+    inner = [(500, 57, 500, 250), (500, 320, 500, 650), (57, 400, 420, 400)]
+    for wall in inner:
+        add(*wall, thin)
+    plan = read_floorplan(saved(tmp_path / "plan.png", image))
+    assert plan.source.kind.endswith("walls double lines")
+    points, _ = segments.sample(np.reshape(inner, (-1, 2, 2)) + 1.5, 1.0)
+    distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(plan.ends * MIRROR))
+    assert (distance < 3.0).mean() > 0.9
 
 
 def test_a_wall_around_a_yard_is_no_storey() -> None:

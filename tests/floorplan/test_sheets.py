@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 import shapely
 
-from planfit.floorplan.vector.drawing import DrawingBuilder, Lines
+from planfit.floorplan.vector.areas import sort_fills
+from planfit.floorplan.vector.drawing import DrawingBuilder, Fill, Lines
+from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.sheet import lines_of_frame, lines_of_tables
 
 HOUSE = shapely.box(300, 200, 1000, 700)
@@ -54,3 +56,15 @@ def test_rules_of_tables_meet_nothing_and_treads_meet_their_walls(gaps: tuple[in
     found = lines_of_tables(np.concatenate([rules, treads, walls]), 1600.0)
     assert found[: len(v)].all()
     assert not found[len(v) :].any()
+
+
+def test_triangles_beside_filled_walls_are_marks() -> None:
+    wall = shapely.difference(HOUSE, HOUSE.buffer(-12, join_style="mitre"))
+    # Walls are filled triangle by triangle, too.
+    pieces = [*shapely.get_parts(shapely.delaunay_triangles(wall))]
+    pieces = [piece for piece in pieces if shapely.contains(wall, piece.centroid)]
+    mark = shapely.Polygon([(280, 450), (300 - 4, 440), (300 - 4, 460)])
+    fills = tuple(Fill(polygon, 0, (0, 0, 0)) for polygon in [*pieces, mark])
+    for role in (Role.UNKNOWN, Role.WALL):
+        walls = shapely.union_all(sort_fills(fills, [role], 1600.0, np.zeros((0, 2, 2))).walls)
+        assert walls.symmetric_difference(wall).area < 1e-3 * wall.area

@@ -39,7 +39,9 @@ WALLS = [
 
 
 @pytest.mark.parametrize("page", ["#f5f5f0", "#e0e8ff"])
-@pytest.mark.parametrize("floors", [["#fff"] * 4, ["#fde", "#def", "#efd", "#fed"]])
+@pytest.mark.parametrize("floors", [
+    ["#fff"] * 4, ["#fde", "#def", "#efd", "#fed"], ["#def"] * 4, ["#def", "#def", "#fed", "#fed"],
+])  # fmt: skip
 def test_the_page_is_no_room_and_rooms_that_touch_have_walls_between(
     tmp_path: Path, page: str, floors: list[str]
 ) -> None:

@@ -54,6 +54,8 @@ as large again are not shrunk: shrinking by a little blurs thin lines the most."
 TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 """Smaller drawings are enlarged to twice this, or so many times: thicknesses of walls of 3 px and of lines
 differ by less than a pixel there, and no least thickness in pixels parts them."""
+LINES_ENLARGED = 2
+"""Pictures whose walls are lines one pixel wide are enlarged so many times, the least that parts lines."""
 FAINT_LINE = 0.5 * LINE
 """Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
 be dark: between two plans is blank paper."""
@@ -99,14 +101,11 @@ def plan_of_picture(
     shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
-        small = without_bars(without_frame(small))
-        interpretation = find_walls_alone(small, upright.darkness)
-        if interpretation is not None:
-            interpretation = with_paler_walls(interpretation, small)
-        else:
-            interpretation = choose(
-                find_candidates(small), find_extent(small), (small > LINE).astype(np.uint8)
-            )
+        small, interpretation = _interpreted(small, upright)
+        is_small = LINES_ENLARGED * max(small.shape) <= 1.5 * WORK_SIDE_PX
+        if interpretation is not None and is_small and _are_lines_touching(interpretation):
+            shrink /= LINES_ENLARGED
+            small, interpretation = _interpreted(_shrunk(upright.darkness, shrink), upright)
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
@@ -129,6 +128,25 @@ def plan_of_picture(
     plan = _enlarged(plan, pixels_per_read)
     metres = choose_unit(options.unit, options.metres_per_unit).metres
     return plan if metres is None else plan.scaled(metres)
+
+
+def _interpreted(
+    small: Float[np.ndarray, "h w"], upright: Upright
+) -> tuple[Float[np.ndarray, "h w"], Interpretation | None]:
+    """A picture without frame and bars of the sheet, and what its dark regions are taken for."""
+    small = without_bars(without_frame(small))
+    alone = find_walls_alone(small, upright.darkness)
+    if alone is not None:
+        return small, with_paler_walls(alone, small)
+    ink = (small > LINE).astype(np.uint8)
+    return small, choose(find_candidates(small), find_extent(small), ink)
+
+
+def _are_lines_touching(interpretation: Interpretation) -> bool:
+    """Whether walls are drawn as two lines one pixel wide: what is between them is then half on the lines' own
+    pixels, and a thin wall one bar hardly wider than a line."""
+    candidate = interpretation.candidate
+    return candidate.style.startswith("double lines") and candidate.grow_px <= 0.5
 
 
 def _with_words_seen(plan: Floorplan, small: Float[np.ndarray, "h w"]) -> Floorplan:

@@ -91,7 +91,18 @@ def _corners(ring: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " k"]:
     keys = ring[:, 0].astype(np.int64) * (1 << 20) + ring[:, 1].astype(np.int64)
     order = np.argsort(keys, kind="stable")
     wanted = corners[:, 0].astype(np.int64) * (1 << 20) + corners[:, 1].astype(np.int64)
-    return np.sort(order[np.searchsorted(keys[order], wanted)])
+    first, past = (np.searchsorted(keys[order], wanted, side) for side in ("left", "right"))
+    # The outline passes twice through what is one pixel thick, there and back: of such a corner the visit
+    # is meant that comes next after the corner before.
+    result = order[first]
+    once = np.flatnonzero(past - first == 1)
+    start = int(once[0]) if len(once) else 0
+    for k in range(start + 1, start + len(corners)):
+        i, before = k % len(corners), result[(k - 1) % len(corners)]
+        if past[i] - first[i] > 1:
+            visits = order[first[i] : past[i]]
+            result[i] = visits[np.argmin((visits - before - 1) % len(ring))]
+    return np.sort(result)
 
 
 def _fit_line(

@@ -10,10 +10,11 @@ from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
-from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
+from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
 from planfit.geometry import segments
 
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
@@ -30,12 +31,23 @@ class Areas:
 
 
 def sort_fills(
-    fills: tuple[Fill, ...], roles: list[Role], extent: float, is_paper_white: bool = True
+    fills: tuple[Fill, ...],
+    roles: list[Role],
+    extent: float,
+    ends: Float[np.ndarray, "n 2 2"],
+    is_paper_white: bool = True,
 ) -> Areas:
     """Sort fills by what their colour and shape say; specks say nothing, nor do white ones on white paper.
 
     Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
     slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
+
+    Args:
+        fills: of a drawing.
+        roles: of its layers.
+        extent: of the drawing.
+        ends: of its lines.
+        is_paper_white: where white fills are paper.
     """
     groups: dict[object, list[BaseGeometry]] = {}
     for fill in fills:
@@ -50,10 +62,13 @@ def sort_fills(
         layer, colour = key  # type: ignore[misc]
         # As one area: a wall is often filled piece by piece, triangle by triangle.
         area = shapely.union_all([p.buffer(1e-6 * extent, join_style="mitre") for p in polygons])
-        # Rooms of one colour that touch are one, unless white is what they all are on a tinted page.
-        parts = shapely.get_parts(np.array(polygons) if _is_white(colour) else area)
+        # Rooms of one colour that touch are one, unless white is what they all are on a tinted page, or each
+        # has its own outline.
+        are_apart = _is_white(colour) or _have_outlines(polygons, ends, extent)
+        parts = shapely.get_parts(np.array(polygons) if are_apart else area)
+        parts = parts[~_are_arrowheads(parts, extent)]
         sizes = shapely.area(parts)
-        perimeters = np.array([_outline_length(p) for p in parts])
+        perimeters = shapely.length(parts)
         parts = parts[sizes > (1e-3 * extent) ** 2]
         if len(parts) == 0:
             continue
@@ -72,17 +87,40 @@ def sort_fills(
     return Areas(walls, rooms)
 
 
+def _have_outlines(
+    polygons: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
+) -> bool:
+    """Whether lines are drawn all around most of some areas, as around rooms; not around the pieces that a
+    program cuts one into."""
+    parts = np.array(polygons, dtype=object)
+    if len(parts) < 2 or len(ends) == 0:
+        return False
+    near = 4e-4 * extent
+    edges = shapely.boundary(parts)
+    lines = line_strings(ends)
+    part, line = shapely.STRtree(lines).query(edges, "dwithin", distance=near)
+    drawn = np.zeros(len(parts))
+    for i in np.unique(part):
+        around = shapely.buffer(shapely.union_all(lines[line[part == i]]), near)
+        drawn[i] = shapely.length(shapely.intersection(edges[i], around))
+    has_outline = drawn > WHOLE * shapely.length(edges)
+    return bool(has_outline.mean() > WHOLE)
+
+
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
     reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
     return bool(reach > 0.1 * extent)
 
 
-def _outline_length(polygon: BaseGeometry) -> float:
-    return float(shapely.length(polygon))
-
-
 def _is_white(colour: tuple[int, int, int] | None) -> bool:
     return colour is not None and min(colour) > 245
+
+
+def _are_arrowheads(parts: Shaped[np.ndarray, " n"], extent: float) -> Bool[np.ndarray, " n"]:
+    """Small triangles that touch no other area: marks of sections, of entrances, and of north."""
+    rings = shapely.simplify(shapely.get_exterior_ring(parts), 1e-3 * extent)
+    reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max(axis=1)
+    return (shapely.get_num_coordinates(rings) == 4) & (reach < LONGEST_TICK * extent)
 
 
 def without_paper(

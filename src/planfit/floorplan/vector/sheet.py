@@ -199,13 +199,15 @@ def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -
 
 
 def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.ndarray, " n"]:
-    """Many parallel lines that begin and end at the same two margins and meet no other line."""
+    """Many parallel lines, longer than treads, that begin and end at the same margins and meet no other."""
     n, near = len(ends), ON * extent
     result = np.zeros(n, dtype=bool)
     along = np.abs(segments.directions(ends))
     strings = line_strings(ends)
     for axis in (0, 1):
-        at = np.flatnonzero((along[:, axis] > np.cos(1e-3)) & (segments.lengths(ends) > 10 * near))
+        at = np.flatnonzero(
+            (along[:, axis] > np.cos(1e-3)) & (segments.lengths(ends) > 0.1 * extent)
+        )
         margins = np.round(np.sort(ends[at][:, :, axis], axis=1) / near).astype(int)
         _, group, count = np.unique(margins, axis=0, return_inverse=True, return_counts=True)
         for k in np.flatnonzero(count >= LEAST_RULES):
@@ -213,7 +215,9 @@ def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.
             others = np.setdiff1d(np.arange(n), own)
             line, _ = shapely.STRtree(strings[others]).query(strings[own], "dwithin", distance=near)
             free = np.setdiff1d(own, own[line])
-            result[free] = len(free) >= LEAST_RULES
+            # Between rules is a row of text, between hatches none.
+            gaps = np.diff(np.sort(ends[free].mean(axis=1)[:, 1 - axis]))
+            result[free] = len(free) >= LEAST_RULES and np.median(gaps) > near
     return result
 
 

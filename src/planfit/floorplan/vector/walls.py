@@ -40,6 +40,7 @@ from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
@@ -191,7 +192,7 @@ def walls_of_drawing(
         faces,
         tuple(dict.fromkeys([*used, *sorted(set(names))])),
         tuple(dropped),
-        found.warnings,
+        (*found.warnings, *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
         np.concatenate([windows.openings, doors.openings, others.openings]),
@@ -267,7 +268,7 @@ def _solids_and_rooms(
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
     """Filled and hatched areas: solid walls, and floors of rooms."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
-    areas = sort_fills(fills, roles, extent, is_paper_white)
+    areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
     slim = [area for area in hatched if _is_slim(area)]
