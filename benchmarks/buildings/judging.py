@@ -47,7 +47,8 @@ def announced(result: RefineResult) -> Announced:
     half = None if alignment is None else alignment.half_thickness
     other = None if alignment is None else alignment.other_scale
     moved = [each for each in result.findings if each.kind is ResultKind.WALLS_MOVED]
-    offsets = np.abs([wall.facts["offset_m"] for each in moved for wall in each.parts])
+    facts = [wall.facts["offset_m"] for each in moved for wall in each.parts]
+    offsets = np.abs(np.array(facts, dtype=float))
     breaks = () if result.tracking is None else result.tracking.breaks
     return Announced(
         1.0 if alignment is None else alignment.metres_per_unit,

@@ -143,8 +143,8 @@ def _interpreted(
 
 
 def _are_lines_touching(interpretation: Interpretation) -> bool:
-    """Whether walls are drawn as two lines one pixel wide: what is between them is then half on the lines' own
-    pixels, and a thin wall one bar hardly wider than a line."""
+    """Whether walls are drawn as two lines one pixel wide: what is between them is then half on the lines'
+    own pixels, and a thin wall one bar hardly wider than a line."""
     candidate = interpretation.candidate
     return candidate.style.startswith("double lines") and candidate.grow_px <= 0.5
 
