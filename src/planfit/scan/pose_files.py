@@ -180,7 +180,7 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
         plan_from_world_axes=None,
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
         skipped=(*scan.skipped, *without),
-        warnings=(*scan.warnings, *told),
+        warnings=tuple(dict.fromkeys((*scan.warnings, *told))),
     )
 
 
