@@ -1,4 +1,4 @@
-"""Lists of images with times, and trajectories: clocks in other units, decimal commas, times that are none."""
+"""Lists of images with times, and trajectories: units of clocks, decimal commas, times that are none."""
 
 import numpy as np
 import pytest
