@@ -336,7 +336,8 @@ def scans_page() -> str:
         "what lies in it; `--format` names one. `planfit inspect SCAN -o SCAN.png` tells what is found.", "",
         "All need colour, depth and a pose of each frame; facap and tum may be [depth alone]"
         "(depth-alone.md), and clouds need times and `--poses TRAJECTORY` instead. Frames that "
-        "lack one are left out and named. Poses of another tracker take the place of the scan's own with "
+        "lack a pose are left out and named, those that lack an image follow the others. Poses of another "
+        "tracker take the place of the scan's own with "
         "`--poses FILE` (TUM, KITTI, EuRoC, Open3D log), and its lens is that of a file with "
         "`--intrinsics FILE` (YAML of ROS or OpenCV, a camera of COLMAP, fx fy cx cy). Lenses are undone and "
         "colour is shrunk when a frame is read. Refined poses are written in the form of the scan.", "",

@@ -90,6 +90,7 @@ def _rows(
             f"{depth.near_m:.2f} to {depth.far_m:.2f} m, median {depth.median_m:.2f} m; "
             f"{depth.coverage:.0%} of pixels, in {len(depth.frame_idx)} frames looked at",
         ],
+        ["poses", "as recorded: axes, a mount and units are judged by `planfit refine`"],
         ["path", f"{path.length_m:.1f} m, in a box of {size} m; usual step {path.step_m:.3f} m"],
         ["up axis", f"({up}) in the scan's world; {gravity.source}"],
         ["gaps", _places(scan, path.gaps)],

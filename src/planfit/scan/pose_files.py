@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
+from planfit.scan.laser.cloud import MIN_SPAN_SHARE
 from planfit.scan.laser.trajectory import CLOCK_UNITS, TUM, clock_unit, named_columns, parse_columns
 from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
 from planfit.scan.source import FileSource, read_text
@@ -180,7 +181,7 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
         plan_from_world_axes=None,
         fingerprint=f"{scan.fingerprint}-{digest}" if scan.fingerprint else "",
         skipped=(*scan.skipped, *without),
-        warnings=(*scan.warnings, *told),
+        warnings=tuple(dict.fromkeys((*scan.warnings, *told))),
     )
 
 
@@ -190,12 +191,15 @@ def in_seconds(
     """Poses by a clock that counts seconds, as images at `times` (s) show that theirs does not, and what to
     say of it.
     """
-    ordered, known = np.sort(table.keys), []
-    for unit in CLOCK_UNITS:
+    ordered, known = np.sort(table.keys), {1.0: 0}
+    for unit in CLOCK_UNITS if np.ptp(times) > 0 else ():
         at = np.searchsorted(ordered, times / unit)
         ends = ordered[np.clip([at - 1, at], 0, len(ordered) - 1)]
-        known.append(int((np.abs(ends * unit - times).min(axis=0) <= max_gap_s).sum()))
-    unit = CLOCK_UNITS[int(np.argmax(known))]  # the first of equals
+        # In too small a unit all poses are at the origin of time, where a few images may be.
+        is_as_long = MIN_SPAN_SHARE < np.ptp(ordered) * unit / np.ptp(times) < 1 / MIN_SPAN_SHARE
+        if unit == 1.0 or is_as_long:
+            known[unit] = int((np.abs(ends * unit - times).min(axis=0) <= max_gap_s).sum())
+    unit = max(known, key=lambda one: known[one])  # the first of equals
     if unit == 1.0:
         return table, []
     told = f"times of {name} are {clock_unit(unit)}, not seconds, as those of the images show"

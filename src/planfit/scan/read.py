@@ -90,7 +90,8 @@ def check_depth_unit(scan: Scan) -> list[str]:
         return []
     return [
         f"half of the depth is below {middle:.3g} m, where {near_m:g} to {far_m:g} m are usual in a "
-        "building: is it in another unit? Say which with --depth-scale (metres of one stored unit)"
+        "building: is it in another unit? `planfit refine` takes a usual one where recorded motion agrees; "
+        "else say which with --depth-scale (metres of one stored unit)"
     ]
 
 
