@@ -49,8 +49,14 @@ SAMPLES_APART_M = 0.1
 SIGMA_M, SIGMA_DEG = 0.5, 3.0
 """Of where walls put a part that drift has bent."""
 
-Place = Float[np.ndarray, "4 4"]
-"""plan_from_level."""
+
+@dataclass(frozen=True)
+class _Place:
+    """Where keyframes may stand on the plan."""
+
+    plan_from_level: Float[np.ndarray, "4 4"]
+    log_likelihood: Float[np.ndarray, " n"]
+    """Of the walls of each keyframe there."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class _Part:
 
     first: int
     last: int
-    place: Place
+    place: _Place
 
 
 @dataclass(frozen=True)
@@ -106,26 +112,25 @@ class _Walk:
         log = np.log(NOT_DRAWN + (1.0 - NOT_DRAWN) * values)
         return np.bincount(self.of_key, self.observations * log, minlength=len(self.n_patches))
 
-    def log_likelihood(self, place: Place) -> Float[np.ndarray, " n"]:
-        """Of the walls of each keyframe, where it stands as a place has it."""
-        here = AlignmentHypothesis.from_transform(place)
-        return self.summed(closeness(self.samples, self.plan, here)[0])
+    def at(self, plan_from_level: Float[np.ndarray, "4 4"]) -> _Place:
+        """A place, with how well it explains the walls."""
+        here = AlignmentHypothesis.from_transform(plan_from_level)
+        explained = closeness(self.samples, self.plan, here)[0]
+        return _Place(plan_from_level, self.summed(explained))
 
     def unexplained(self) -> Float[np.ndarray, " n"]:
-        """The same where nothing is known of the place."""
+        """Log likelihood of the walls of each keyframe where nothing is known of its place."""
         return self.summed(np.full(len(self.of_key), NULL_SCORE))
 
-    def steps_to(self, before: Place, after: Place) -> Float[np.ndarray, "s 4 4"]:
-        """Motions over steps, each from one place to another."""
-        poses = self.level_from_keys
-        return se3.inverse(before @ poses[:-1]) @ (after @ poses[1:])
-
-    def log_odds(self, before: Place, after: Place) -> Float[np.ndarray, " s"]:
+    def log_odds(self, before: _Place, after: _Place) -> Float[np.ndarray, " s"]:
         """Of a jump from one place to another at each step; -inf where there is none.
 
         The tracker jumped where the recorded step is unusual, and what the walk made was usual.
         """
-        told, usual = self.steps_to(before, after), usual_step(self.recorded)
+        poses, usual = self.level_from_keys, usual_step(self.recorded)
+        told = se3.inverse(before.plan_from_level @ poses[:-1]) @ (
+            after.plan_from_level @ poses[1:]
+        )
         was, would_be = (
             np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2 / 2.0
             for steps in (self.recorded, told)
@@ -156,7 +161,7 @@ def placed_by_parts(
     if len(prepared.level_from_keys) < 2:
         return None
     walk = _Walk.of(prepared, tracking, plan.used())
-    places, tried = [found.plan_from_level], set()
+    places, tried = [walk.at(found.plan_from_level)], set()
     while True:
         path = _likeliest(walk, places, or_unknown=True)
         new = _more_places(walk, places, path, tried, options.align)
@@ -172,11 +177,11 @@ def placed_by_parts(
 
 def _more_places(
     walk: _Walk,
-    places: Sequence[Place],
+    places: Sequence[_Place],
     path: Int[np.ndarray, " n"],
     tried: set[tuple[int, int]],
     options: AlignOptions,
-) -> list[Place]:
+) -> list[_Place]:
     """Of a part that none of the places explains and that is not among those `tried`, which grow."""
     for state, first, last in _runs(path):
         n_patches = walk.n_patches[first : last + 1].sum()
@@ -191,7 +196,7 @@ def _more_places(
                 walk,
                 (first, last),
                 inner,
-                places[path[outer]] @ walk.level_from_keys[outer],
+                places[path[outer]].plan_from_level @ walk.level_from_keys[outer],
                 options,
             )
         ]
@@ -206,7 +211,7 @@ def _places_beside(
     inner: int,
     plan_from_outer: Float[np.ndarray, "4 4"],
     options: AlignOptions,
-) -> list[Place]:
+) -> list[_Place]:
     """Where a part may lie on the plan, its keyframe `inner` a step from one beside that was placed."""
     first, last = part
     within = (walk.of_key >= first) & (walk.of_key <= last)
@@ -221,12 +226,12 @@ def _places_beside(
     known = ControlPoint(walk.level_from_keys[inner, :2, 3], plan_from_outer[:2, 3])
     samples = walk.samples.picked(np.flatnonzero(within))
     found = align(samples, walk.plan, near, control_points=[known])
-    return [each.plan_from_level for each in found.candidates if each.score > NULL_SCORE]
+    return [walk.at(each.plan_from_level) for each in found.candidates if each.score > NULL_SCORE]
 
 
-def _likeliest(walk: _Walk, places: Sequence[Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
+def _likeliest(walk: _Walk, places: Sequence[_Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
     """Numbers of the places of the likeliest walk (Viterbi 1967); the last one is of a place not known."""
-    log = [walk.log_likelihood(place) for place in places] + [walk.unexplained()] * or_unknown
+    log = [place.log_likelihood for place in places] + [walk.unexplained()] * or_unknown
     n, n_places, n_states = len(log[0]), len(places), len(log)
     change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to
     for a, b in np.ndindex(n_states, n_states):
@@ -265,7 +270,7 @@ def _with_jumps(
     for k in range(1, len(parts)):
         before, after = parts[k].first - 1, parts[k].first
         on_plan = [
-            part.place @ prepared.level_from_keys[key]
+            part.place.plan_from_level @ prepared.level_from_keys[key]
             for part, key in ((parts[k - 1], before), (parts[k], after))
         ]
         told = se3.inverse(on_plan[0]) @ on_plan[1]
