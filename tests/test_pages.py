@@ -150,11 +150,10 @@ def test_layouts_of_the_page_read_and_write(tmp_path: Path) -> None:
     (files / "image_2.png").unlink()
     layout = example_module("own-layout.md", 0).LAYOUT
     scan = scan_from_recording(layout.read(FolderSource(files), ScanOptions()), ScanOptions())
-    assert len(scan) == n - 2
-    assert scan.skipped == (
-        "frame 1: pose_1.txt is missing",
-        "frame 2: image_2.png is missing",
-    )
+    assert len(scan) == n - 1
+    assert scan.skipped == ("frame 1: pose_1.txt is missing",)
+    assert [scan.lacking[k] for k in range(3)] == ["", "colour", ""]
+    assert any("frame 2: image_2.png is missing" in each for each in scan.warnings)
     put(rows / "poses.txt", "1 2 3\n")
     layout = example_module("own-layout.md", 1).LAYOUT
     with pytest.raises(planfit.errors.ScanError, match="expected 16 numbers a line, found 3"):

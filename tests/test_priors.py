@@ -14,7 +14,7 @@ from planfit.priors import Prior, PriorRange
 
 SOURCE = Path(planfit.__file__).parent
 ALL = {name: value for name, value in vars(priors).items() if isinstance(value, Prior | PriorRange)}
-UNITS = ("_M", "_DEG", "_HZ", "_SHARE", "_SIGMAS")
+UNITS = ("_M", "_DEG", "_HZ", "_SHARE", "_SIGMAS", "_ODDS")
 OWNED = re.compile(
     r"THICKNESS_M$|THICKEST_M$|THINNEST_M$|^(DOOR|LEAF|WALL|COLUMN|STOREY|CEILING|EYE|SLAB)_M$"
     r"|(WALL|STOREY|CEILING|CAMERA|EYE|DOOR|WORKTOP|CUPBOARD)_HEIGHT_M$|(DOOR|LEAF|CORRIDOR|STAIR)_WIDTH_M$"

@@ -90,13 +90,15 @@ def test_every_file_missing_or_spoiled(
                 of_all = last.startswith("traj") or last in (
                     "transforms.json", "pose_intrinsic_imu.json")  # fmt: skip
                 is_all = "the tracker had no pose" in errors[0] and of_all
-                is_times = "times" in errors[0] and last in ("rgb.txt", "depth.txt")
+                lists = ("rgb.txt", "depth.txt", "color.txt", "aligned_depth.txt")
+                is_times = "times" in errors[0] and last in lists
                 assert last in errors[0] or is_all or is_times, case
                 assert len(errors[0]) < (2500 if harm == "missing" else 600), case
             else:
                 assert code == 0, case
                 named = last in notes or (number is not None and number[0] in notes)
-                shortened = "are left out" in notes  # tables of frames that end early
+                # Tables of frames that end early, or of one of their images.
+                shortened = re.search("are left out|frames have no (colour|depth)", notes)
                 default = harm == "missing" and last in HAVE_DEFAULTS
                 later = kind == "record3d" and last.endswith(".jpg")  # colour is not looked at here
                 no_conf = kind == "record3d" and last.endswith(".conf")
@@ -167,7 +169,8 @@ def test_a_circle_of_links(
     (tmp_path / "scan" / "again").symlink_to(tmp_path / "scan")
     code, _, notes = spoken(capsys, "inspect", tmp_path / "scan")
     assert code == 0
-    assert "1 of 6 frames are left out: frame 000002: frame-000002.color.png is missing" in notes
+    assert "1 of 6 frames have no colour" in notes
+    assert ": frame 000002: frame-000002.color.png is missing" in notes
 
 
 def test_an_archive_that_points_outside(
@@ -209,8 +212,9 @@ def test_depth_shorter_than_colour(
         (tmp_path / "depth" / f"{i:06d}.png").unlink()
     code, _, notes = spoken(capsys, "inspect", tmp_path)
     assert code == 0
+    assert "4 of 6 frames have no depth" in notes
     assert (
-        "4 of 6 frames are left out: frame 000002: depth/000002.png is missing; frame 000003: "
+        ": frame 000002: depth/000002.png is missing; frame 000003: "
         "depth/000003.png is missing; frame 000004: depth/000004.png is missing; and 1 more"
     ) in notes
 
@@ -299,7 +303,8 @@ def test_a_depth_scale_that_cannot_be_right_is_questioned(
     assert code == 0
     assert re.search(
         rf"note: half of the depth is below {middle} m, where 0\.2 to 20 m are usual in a building: is it in "
-        r"another unit\? Say which with --depth-scale \(metres of one stored unit\)",
+        r"another unit\? `planfit refine` takes a usual one where recorded motion agrees; else say which "
+        r"with --depth-scale \(metres of one stored unit\)",
         notes,
     ), notes
 

@@ -301,10 +301,15 @@ def _lacks(frames: Sequence[Frame]) -> list[str]:
     }
     found = []
     for image, by in held.items():
-        ids = [frame.frame_id for frame in frames if frame.lacks == image]
-        if ids:
-            named = ", ".join(ids[:3]) + ("" if len(ids) <= 3 else " and others")
-            found.append(f"{len(ids)} of {len(frames)} frames have no {image} and {by}: {named}")
+        own = [frame for frame in frames if frame.lacks == image]
+        if own:
+            names = [frame.color if image == "colour" else frame.depth for frame in own[:3]]
+            named = "; ".join(
+                f"frame {frame.frame_id}{f': {name} is missing' if name else ''}"
+                for frame, name in zip(own, names, strict=False)
+            )
+            named += f"; and {len(own) - 3} more" if len(own) > 3 else ""
+            found.append(f"{len(own)} of {len(frames)} frames have no {image} and {by}: {named}")
     return found
 
 

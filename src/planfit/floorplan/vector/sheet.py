@@ -216,8 +216,8 @@ def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.
             line, _ = shapely.STRtree(strings[others]).query(strings[own], "dwithin", distance=near)
             free = np.setdiff1d(own, own[line])
             # Between rules is a row of text, between hatches none.
-            along: Float[np.ndarray, " f"] = ends[free].mean(axis=1)[:, 1 - axis]
-            gaps = np.diff(np.sort(along)).astype(float)
+            across: Float[np.ndarray, " f"] = ends[free].mean(axis=1)[:, 1 - axis]
+            gaps = np.diff(np.sort(across)).astype(float)
             result[free] = len(free) >= LEAST_RULES and np.median(gaps) > near
     return result
 
