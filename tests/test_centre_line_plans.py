@@ -85,9 +85,10 @@ def test_walls_drawn_by_their_centre_lines_cost_little(synthetic, runtime):
 
     unknown = replace(lines.scaled(37.0), is_metric=False)
     free = planfit.refine(synthetic.scan, unknown, runtime=runtime)
-    # Thick walls make rooms small, and so does a small scale: three rooms tell little, and it is said.
+    # Thick walls make rooms small, and so does a small scale, and depth that is a per cent off as the tracker
+    # may be, too: three rooms tell little, and it is said.
     assert free.alignment is not None
-    assert 0.002 < free.alignment.scale_sigma < 0.01
+    assert 0.005 < free.alignment.scale_sigma < 0.02
     assert is_scale_as_stated(free.alignment, 1 / 37.0)
 
 

@@ -78,8 +78,11 @@ def test_only_keyframes_are_opened_and_all_frames_get_poses(dense, runtime):
     scan, opened = counted(dense)
     result = planfit.refine(scan, dense.floorplan, KEYS, runtime)
     keys = result.solved_frame_idx
-    assert set(opened) == set(keys.tolist())
-    assert set(opened.values()) == {1}
+    # Nine frames over the whole scan tell how far depth reaches, and so its unit.
+    of_unit = set(opened) - set(keys.tolist())
+    assert set(keys.tolist()) <= set(opened)
+    assert len(of_unit) <= 9
+    assert {opened[frame] for frame in keys.tolist()} <= {1, 2}
     assert len(keys) < 0.6 * len(scan)
     truth = dense.true_world_from_cams
     assert rms(scan.world_from_cams, truth) > 0.04

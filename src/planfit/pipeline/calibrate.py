@@ -233,11 +233,10 @@ def plan_prior(
     least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
     if not found.is_plan_doubted:
         return replace(free, min_sigmas=least), 0.0
-    if abs(departure + of_depth) >= PLAN_OFF_SIGMAS * sigma:
+    # Who allows a plan another scale does not know its own.
+    if found.is_plan_rescaled or abs(departure + of_depth) >= PLAN_OFF_SIGMAS * sigma:
         return free, 0.0
-    if not found.is_plan_rescaled:
-        return replace(priors, plan_scale_sigma=0.0, min_sigmas=least), 0.0
-    return replace(priors, max_rounds=1, min_sigmas=least), departure
+    return replace(priors, plan_scale_sigma=0.0, min_sigmas=least), 0.0
 
 
 def shared_error(

@@ -24,6 +24,7 @@ def with_fitted_thickness(
     adjustment: PlanAdjustment,
     options: RefineOptions,
     odometry_scale_sigma: float,
+    depth_scale_sigma: float,
     extra_terms: Sequence[Term] = (),
 ) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
     """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
@@ -34,6 +35,7 @@ def with_fitted_thickness(
         adjustment: to that plan.
         options: of the adjustment.
         odometry_scale_sigma: how far recorded steps may be off, as a share.
+        depth_scale_sigma: how far depth may be off, as a share; a plan's scale is off with it.
         extra_terms: of the adjustment.
     """
     plan, found = on_plan.floorplan, on_plan.alignment
@@ -54,7 +56,8 @@ def with_fitted_thickness(
     if found is None or fitted.scale_sigma == 0:
         return replace(on_plan, floorplan=fitted.floorplan), fitted.plan_from_cams
     middle = poses[:, :2, 3].mean(axis=0)
-    rescaled = found.rescaled(fitted.scale_factor, fitted.scale_sigma, middle)
+    sigma = float(np.hypot(fitted.scale_sigma, depth_scale_sigma))
+    rescaled = found.rescaled(fitted.scale_factor, sigma, middle)
     off = abs(np.log(rescaled.metres_per_unit))
     if (is_as_drawn and not is_off(rescaled)) or (found.is_plan_rescaled and off <= OFF_SHARE):
         drawn = 1.0 / found.metres_per_unit

@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, settle_walls
+from planfit.adjust.calibration import SHARED
 from planfit.floorplan import Floorplan
 from planfit.pipeline.calibrate import (
     CalibratedScan,
@@ -93,9 +94,14 @@ def _adjusted(
         measured, plan = prepared.measurements, on_plan.floorplan
         adjustment = adjust_to_plan(measured, plan, start, options.adjust, terms)
         if plan is not None and plan.before_line is not None:
-            odometry_scale_sigma = calibrated.observations.priors.odometry_scale_sigma
             on_plan, poses = with_fitted_thickness(
-                on_plan, prepared, adjustment, options, odometry_scale_sigma, terms
+                on_plan,
+                prepared,
+                adjustment,
+                options,
+                calibrated.observations.priors.odometry_scale_sigma,
+                calibrated.calibration.sigmas[SHARED.index("depth_scale")],
+                terms,
             )
             adjustment = adjust_to_plan(measured, on_plan.floorplan, poses, options.adjust, terms)
     return Solved(calibrated, on_plan, adjustment, surveyed)
