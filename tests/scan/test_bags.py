@@ -19,6 +19,7 @@ from rtabmap_writer import inverse_png, rvl
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan, read_tum, write_tum
+from planfit.scan.poses import poses_at
 from scan_samples import HEIGHT, WIDTH, N
 
 KINDS = {"ros1": (1, None), "sqlite": (2, "sqlite"), "mcap": (2, "mcap")}
@@ -55,6 +56,38 @@ def test_a_bag_with_tf(kind, compressed, sample, tmp_path):
     assert scan.format == "bag"
     assert scan.warnings == ()
     assert_is_sample(scan, sample)
+
+
+@pytest.mark.parametrize("lack", ["colour", "depth"])
+def test_frames_that_lack_an_image_come_out_with_poses(lack, sample, tmp_path):
+    topic = {"colour": "/camera/color", "depth": "/camera/aligned"}[lack]
+
+    class Without:
+        """Messages but for the third image of a topic."""
+
+        def __init__(self, bag):
+            self.bag, self.seen = bag, 0
+
+        def image(self, name, *message, **more):
+            self.seen += name.startswith(topic)
+            if self.seen != 3 or not name.startswith(topic):
+                self.bag.image(name, *message, **more)
+
+        def info(self, *message):
+            self.bag.info(*message)
+
+    path = write_bag(tmp_path, "ros1", lambda b: write_images(Without(b), sample),
+                     lambda b: write_tf(b, sample))  # fmt: skip
+    scan = read_scan(path)
+    assert scan.lacking == ("", "", lack, "", "", "")
+    assert scan.skipped == ()
+    expected, _ = poses_at(sample.times, sample.poses, scan.timestamps, 0.02)
+    assert_allclose(
+        scan.world_from_cams, expected, atol=0.06
+    )  # tf is interpolated, not its product
+    assert (scan.files.color(2) is None) == (lack == "colour")
+    assert np.isnan(scan.files.depth(2)).all() == (lack == "depth")
+    assert any(f"have no {lack}" in warning for warning in scan.warnings)
 
 
 def compressed_rvl(depth_mm):

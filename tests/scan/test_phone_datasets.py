@@ -134,10 +134,11 @@ def test_arkit_scenes_takes_the_finest_colour_with_its_own_intrinsics(sample, tm
                    2 * matrix[0, 2] + 0.5, 2 * matrix[1, 2] + 0.5)  # fmt: skip
         put(tmp_path / "vga_wide_intrinsics" / f"{name[:-4]}.pincam", " ".join(map(str, numbers)))
     scan = read_scan(tmp_path)
-    assert len(scan) == 3
-    assert scan.cameras[1].width == 2 * WIDTH
-    assert_allclose(scan.world_from_cams, sample.poses[::2], atol=2e-6)
-    scaled = scan.cameras[1].scaled(WIDTH, HEIGHT)
+    assert scan.lacking == ("", "colour") * 3
+    assert scan.cameras[2].width == 2 * WIDTH
+    assert_allclose(scan.world_from_cams, sample.poses, atol=2e-6)
+    assert scan.cameras[3] == scan.cameras[2]
+    scaled = scan.cameras[2].scaled(WIDTH, HEIGHT)
     assert (scaled.fx, scaled.cx) == pytest.approx((sample.camera.fx, sample.camera.cx))
 
 

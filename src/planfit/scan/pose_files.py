@@ -12,12 +12,24 @@ from jaxtyping import Bool, Float, Int, Shaped
 from planfit.errors import ScanError
 from planfit.scan.laser.cloud import MIN_SPAN_SHARE
 from planfit.scan.laser.trajectory import CLOCK_UNITS, TUM, clock_unit, named_columns, parse_columns
-from planfit.scan.poses import check_recorded_poses, is_lost, parse_tum, poses_at, tum_poses
+from planfit.scan.poses import (
+    are_of_a_clock,
+    check_recorded_poses,
+    is_lost,
+    parse_tum,
+    poses_at,
+    tum_poses,
+)
 from planfit.scan.source import FileSource, read_text
 from planfit.scan.tables import number_table, shorten, with_decimal_points
 from planfit.scan.types import Scan
 from planfit.scan.views import select_frames
 
+NO_CLOCK = (
+    "{} repeat or contradict the path, as durations or those of several clocks: frames are in the order of "
+    "the lists, line by line, without times"
+)
+"""What to say of times that are left aside."""
 MIN_NS_DIGITS = 15
 """Nanoseconds since 1970 have nineteen digits; no time in seconds has so many before its point."""
 
@@ -153,8 +165,9 @@ def _tum_of_euroc(rows: list[list[str]]) -> str:
 def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
     """The scan with poses of a file instead of its own; frames without one are left out and named.
 
-    TUM poses belong to frames by time (or by number, where the scan counts frames), logs by number, KITTI
-    poses by row. The file's world is its own: neither up nor the plan's axes are known in it.
+    TUM poses belong to frames by time (by number, where the scan counts frames; by row, where there are as
+    many and their times are none of a clock), logs by number, KITTI poses by row. The file's world is its
+    own: neither up nor the plan's axes are known in it.
 
     Raises:
         ScanError: the file cannot be read, or its poses belong to none of the frames.
@@ -162,6 +175,10 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
     table, told = read_poses(path), []
     if table.kind == "tum":
         table, told = in_seconds(table, scan.timestamps, max_gap_s, path.name)
+        is_clocked = are_of_a_clock(table.keys, table.poses[:, :3, 3])
+        if len(table.keys) == len(scan) and not is_clocked:
+            table = replace(table, keys=scan.timestamps)
+            told = [NO_CLOCK.format(f"times of {path.name}")]
     poses, known = _for_frames(scan, table, path, max_gap_s)
     if not known.any():
         raise ScanError(

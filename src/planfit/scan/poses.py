@@ -25,6 +25,9 @@ ROUNDING = 1e-6
 MAX_ENTRY = 1e9
 """Nothing is further from an origin, not even in millimetres around the Earth's axis."""
 
+BETWEEN_POSES_S = 0.12
+"""Poses so far apart tell those between: of a tracker at 10 Hz whose clock is not steady. Of who slows down
+by 2 m/s2, the pose in the middle is 4 mm off."""
 MAX_NAMED = 8
 """Runs of frames that a warning names."""
 
@@ -261,6 +264,22 @@ def pair_times(
     return found[:, 0], found[:, 1]
 
 
+def join_times(
+    times: Float[np.ndarray, " n"], other_times: Float[np.ndarray, " m"], max_gap_s: float
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Indices into both sequences, by time: what belongs together once, and all that stands alone, with -1 in
+    place of the other; with them the times, of the first where it is there. See `pair_times`."""
+    paired, other = pair_times(times, other_times, max_gap_s)
+    alone, other_alone = (
+        np.setdiff1d(np.arange(len(t)), of) for t, of in ((times, paired), (other_times, other))
+    )
+    i = np.concatenate([paired, alone, np.full(len(other_alone), -1)])
+    j = np.concatenate([other, np.full(len(alone), -1), other_alone])
+    of = np.concatenate([times[paired], times[alone], other_times[other_alone]])
+    order = np.argsort(of, kind="stable")
+    return i[order], j[order], of[order]
+
+
 def poses_at(
     times: Float[np.ndarray, " n"],
     poses: Float[np.ndarray, "n 4 4"],
@@ -269,9 +288,10 @@ def poses_at(
 ) -> tuple[Float[np.ndarray, "k 4 4"], Bool[np.ndarray, " k"]]:
     """Poses at the times `at`, and which of them are known.
 
-    A pose is known where one was recorded within `max_gap_s`. It is interpolated between its neighbours
-    unless they are more than five times that apart: a tracker that runs at 100 Hz is off by up to 5 ms
-    otherwise, millimetres at a walk. Where none is known the pose is the identity.
+    A pose is known where one was recorded within `max_gap_s`, or one before and one after within six times
+    that and `BETWEEN_POSES_S` of each other. It is interpolated unless its neighbours are more than six times
+    `max_gap_s` apart: a tracker that runs at 100 Hz is off by up to 5 ms otherwise, millimetres at a walk.
+    Where none is known the pose is the identity.
     """
     order = np.argsort(times, kind="stable")
     times, poses = times[order], poses[order]
@@ -279,10 +299,11 @@ def poses_at(
     before = np.maximum(after - 1, 0)
     gap_before, gap_after = np.abs(at - times[before]), np.abs(times[after] - at)
     gap = np.minimum(gap_before, gap_after)
-    known = gap <= max_gap_s
     is_between = (times[before] <= at) & (at <= times[after]) & (times[before] < times[after])
-    is_between &= times[after] - times[before] <= 5 * max_gap_s
-    total = np.where(is_between, times[after] - times[before], 1.0)
+    interval = times[after] - times[before]
+    is_between &= interval <= 6 * max_gap_s
+    known = (gap <= max_gap_s) | (is_between & (interval <= min(6 * max_gap_s, BETWEEN_POSES_S)))
+    total = np.where(is_between, interval, 1.0)
     # How far on the way from the pose before (0) to that after (1); the nearer of both where that is too far.
     share = np.where(is_between, gap_before / total, np.where(gap_before < gap_after, 0.0, 1.0))
     result = se3.interpolate(poses[before], poses[after], share)

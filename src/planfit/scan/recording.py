@@ -49,8 +49,8 @@ class Frame:
     world_from_cam: Float[np.ndarray, "4 4"]
     """Of the colour camera, axes of OpenCV; NaN or infinity where the tracker was lost."""
     color: str
-    """What its `StoredImages` know the colour image by: the name of a file, mostly. Empty: the frame is depth
-    alone, and its pose and lens are those of the depth camera."""
+    """What its `StoredImages` know the colour image by: the name of a file, mostly. Empty, and not lacking:
+    the frame is depth alone, and its pose and lens are those of the depth camera."""
     depth: str
     """Empty: there is none, and the frame goes with its neighbours."""
     confidence: str = ""
@@ -58,7 +58,12 @@ class Frame:
     size: Size | None = None
     """Of its colour and depth, as the format tells it for each frame; without, all must be of one size."""
     lacks: Image = ""
-    """The image that others have and it has not, as `scan_from_recording` finds it."""
+    """The image that others have and it has not: as a reader knows, or `scan_from_recording` finds."""
+
+    @property
+    def is_depth_alone(self) -> bool:
+        """Whether the camera is that of depth."""
+        return not self.color and self.lacks != "colour"
 
 
 @runtime_checkable
@@ -201,7 +206,7 @@ class RecordedFiles:
         depth = self.recording.images.depth(self.frames[frame_idx])
         self._check_size(frame_idx, "depth", depth, view.depth_lens)
         color_from_depth = self.recording.color_from_depth
-        if color_from_depth is None or not self.frames[frame_idx].color:
+        if color_from_depth is None or self.frames[frame_idx].is_depth_alone:
             return resample_depth(depth, view.depth_lens, view.camera)
         pinhole = view.depth_lens.camera
         undistorted = resample_depth(depth, view.depth_lens, pinhole)
@@ -333,7 +338,7 @@ def _usable_frames(recording: Recording) -> tuple[list[UsableFrame], list[str]]:
     for frame in posed:
         missing = recording.images.missing(frame)
         lacks_depth = not frame.depth or frame.depth in missing
-        lacks_color = frame.color in missing
+        lacks_color = frame.color in missing or frame.lacks == "colour"
         if lacks_depth and (lacks_color or not frame.color):
             skipped.append(f"frame {frame.frame_id}: {(*missing, 'an image')[0]} is missing")
             continue
@@ -403,7 +408,7 @@ def _views(
         color = recording.color_lens(one.frame, one.color_size)
         if recording.depth_lens is not None:
             depth = recording.depth_lens(one.frame, one.depth_size)
-            color = color if one.frame.color else depth
+            color = depth if one.frame.is_depth_alone else color
         else:
             check_proportions(one.color_size, one.depth_size, str(recording.path))
             depth = color.scaled(*one.depth_size)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from planfit.errors import ScanError
-from planfit.scan.pose_files import PoseTable, in_seconds
-from planfit.scan.poses import are_of_a_clock, contradicts_path, pair_times, poses_at
+from planfit.scan.pose_files import NO_CLOCK, PoseTable, in_seconds
+from planfit.scan.poses import are_of_a_clock, contradicts_path, join_times, poses_at
 from planfit.scan.recording import Frame
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_rows, shorten, with_decimal_point
@@ -78,7 +78,7 @@ def frames_of_lists(
 ) -> TimedFrames:
     """Colour, depth and poses whose times are no further apart than `max_gap_s`.
 
-    Colour without depth is a frame, too, whose pose is recorded.
+    Colour without depth is a frame, too, and depth without colour, where a pose is recorded.
 
     Args:
         path: of the scan, for messages.
@@ -94,10 +94,6 @@ def frames_of_lists(
     """
     leading, centres = color or depth, table.poses[:, :3, 3]
     table, told = in_seconds(table, leading.times, max_gap_s, table_name)
-    if color is None or is_paired:
-        mine, partner = (np.argsort(leading.times, kind="stable"),) * 2
-    else:
-        mine, partner = _by_time(color.times, depth.times, max_gap_s)
     listed = (leading, depth)
     agree = all(
         len(one.times) == len(table.keys) and np.abs(one.times - table.keys).max() <= max_gap_s
@@ -106,21 +102,23 @@ def frames_of_lists(
     if agree and not are_of_a_clock(table.keys, centres):
         n = len(table.keys)
         mine = partner = np.arange(n)
-        times, poses, known = np.arange(float(n)), table.poses, np.ones(n, dtype=bool)
-        told = [
-            "times of the lists repeat or contradict the path, as durations or those of several clocks: "
-            "frames are in the order of the lists, line by line, without times"
-        ]
+        at, poses, known = np.arange(float(n)), table.poses, np.ones(n, dtype=bool)
+        told = [NO_CLOCK.format("times of the lists")]
     else:
         if contradicts_path(table.keys, centres):
             told = [
                 *told,
                 f"times of {table_name} contradict the path, as of several clocks: check them",
             ]
-        times = leading.times
-        poses, known = poses_at(table.keys, table.poses, times[mine], max_gap_s)
-    lacks_depth = bool((partner < 0).all())
+        if color is None or is_paired:
+            mine = partner = np.argsort(leading.times, kind="stable")
+            at = leading.times[mine]
+        else:
+            mine, partner, at = join_times(color.times, depth.times, max_gap_s)
+        poses, known = poses_at(table.keys, table.poses, at, max_gap_s)
+    lacks_depth = not ((mine >= 0) & (partner >= 0)).any()
     if lacks_depth or not known.any():
+        times = leading.times
         what, other = ("depth", depth.times) if lacks_depth else ("poses", table.keys)
         images = "depth images" if color is None else "colour images"
         raise ScanError(
@@ -128,27 +126,14 @@ def frames_of_lists(
             f"{times.max():.6f}), found times {other.min():.6f} to {other.max():.6f}; are the lists of one "
             "recording? Else give --max-time-gap-s"
         )
-    frames = [
-        Frame(
-            Path(leading.names[i]).stem,
-            float(times[i]),
-            pose,
-            "" if color is None else color.names[i],
-            depth.names[j] if j >= 0 else "",
-        )
-        for i, j, pose, ok in zip(mine, partner, poses, known, strict=True)
-        if ok
-    ]
-    skipped = [f"frame {leading.names[i]}: no pose within {max_gap_s:g} s" for i in mine[~known]]
+    frames, skipped = [], []
+    for i, j, time, pose, ok in zip(mine, partner, at, poses, known, strict=True):
+        colour = color.names[i] if color is not None and i >= 0 else ""
+        own = depth.names[j] if j >= 0 else ""
+        if not ok:
+            skipped.append(f"frame {colour or own}: no pose within {max_gap_s:g} s")
+            continue
+        lacks = "colour" if i < 0 else "" if own else "depth"
+        stem = Path(colour or own).stem
+        frames.append(Frame(stem, float(time), pose, colour, own, lacks=lacks))
     return TimedFrames(frames, skipped, told)
-
-
-def _by_time(
-    times: Float[np.ndarray, " n"], depth_times: Float[np.ndarray, " m"], max_gap_s: float
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Images by time, and the depth of each; -1 where it has none."""
-    order = np.argsort(times, kind="stable")
-    mine, depth = pair_times(times, depth_times, max_gap_s)
-    partner = np.full(len(times), -1)
-    partner[mine] = depth
-    return order, partner[order]

@@ -12,7 +12,7 @@ from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import read_camera
-from planfit.scan.poses import MAX_ENTRY, pair_times, poses_at
+from planfit.scan.poses import MAX_ENTRY, join_times, poses_at
 from planfit.scan.recording import Frame, LensOfFrame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, read_matrix
@@ -25,7 +25,8 @@ COLORS = ("vga_wide", "lowres_wide", "wide")
 """Colour of the same camera, best first: VGA at 30 Hz; 256 x 192 at 60 Hz; 1920 x 1440, but only of frames
 whose depth fits the laser scanner's."""
 MAX_POSE_GAP_S = 0.06
-"""Poses come at 10 Hz: no image between two of them is further from the nearer one."""
+"""Poses come at 10 Hz: no image between two of them is further from the nearer one. Nor do intrinsics change
+within as much."""
 MAX_IMAGE_GAP_S = 0.005
 """Images of one moment have one time, up to the rounding of their names."""
 
@@ -49,40 +50,41 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
     )
     color_times, color_names = _by_time(source, color, ".png")
     depth_times, depth_names = _by_time(source, depth_folder, ".png")
-    mine, depth = pair_times(color_times, depth_times, MAX_IMAGE_GAP_S)
+    mine, depth, times = join_times(color_times, depth_times, MAX_IMAGE_GAP_S)
     pincam_times, pincams = _by_time(source, lenses, ".pincam")
-    nearest = [int(np.argmin(np.abs(pincam_times - time))) for time in color_times]
-    has_lens = np.abs(pincam_times[nearest] - color_times) <= MAX_IMAGE_GAP_S
+    nearest = [int(np.argmin(np.abs(pincam_times - time))) for time in times]
+    has_lens = np.abs(pincam_times[nearest] - times) <= MAX_POSE_GAP_S
     pose_times, recorded = _read_poses(source, poses_name)
-    poses, known = poses_at(pose_times, recorded, color_times[mine], MAX_POSE_GAP_S)
-    if not known.any():
+    poses, known = poses_at(pose_times, recorded, times, MAX_POSE_GAP_S)
+    if not (known & (mine >= 0) & (depth >= 0)).any():
         raise ScanError(
             f"{source.path}: expected colour ({len(color_times)} images), depth ({len(depth_times)}) and "
             f"poses of {poses_name} ({len(pose_times)}) of the same times, found none; are they of one video?"
         )
+    names = [color_names[i] if i >= 0 else depth_names[j] for i, j in zip(mine, depth, strict=True)]
     frames = [
         Frame(
-            color_names[i].removesuffix(".png"),
-            float(color_times[i]),
+            name.removesuffix(".png"),
+            float(time),
             pose,
-            f"{color}/{color_names[i]}",
-            f"{depth_folder}/{depth_names[j]}",
-            f"{CONFIDENCE}/{depth_names[j]}",
+            f"{color}/{color_names[i]}" if i >= 0 else "",
+            f"{depth_folder}/{depth_names[j]}" if j >= 0 else "",
+            f"{CONFIDENCE}/{depth_names[j]}" if j >= 0 else "",
+            lacks="colour" if i < 0 else "depth" if j < 0 else "",
         )
-        for i, j, pose, ok in zip(mine, depth, poses, known & has_lens[mine], strict=True)
+        for name, i, j, time, pose, ok in zip(
+            names, mine, depth, times, poses, known & has_lens, strict=True
+        )
         if ok
     ]
-    lens_of = {color_names[i].removesuffix(".png"): pincams[k] for i, k in enumerate(nearest)}
-    lone = np.setdiff1d(np.arange(len(color_times)), mine)
-    skipped = [f"frame {color_names[i]}: {depth_folder} has none of its time" for i in lone]
-    if color == "lowres_wide":  # as often as depth; others come at rates of their own
-        lone = np.setdiff1d(np.arange(len(depth_times)), depth)
-        skipped += [f"frame {depth_names[j]}: {color} has none of its time" for j in lone]
-    skipped += [
-        f"frame {color_names[i]}: {lenses} has none of its time" for i in np.flatnonzero(~has_lens)
+    lens_of = {
+        name.removesuffix(".png"): pincams[k] for name, k in zip(names, nearest, strict=True)
+    }
+    skipped = [
+        f"frame {names[k]}: {lenses} has none near its time" for k in np.flatnonzero(~has_lens)
     ]
     skipped += [
-        f"frame {color_names[i]}: {poses_name} has no pose near its time" for i in mine[~known]
+        f"frame {names[k]}: {poses_name} has no pose near its time" for k in np.flatnonzero(~known)
     ]
     pincams_of = _Pincams(poses_name, lenses, lens_of)
     return Listing(source, frames, pincams_of, [poses_name], skipped)
@@ -159,9 +161,9 @@ ARKIT_SCENES = FolderLayout(
     SCAN/color.traj, color_intrinsics/, wide/, depth_densified/     the first release: files TIME, no VIDEO
 
 Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
-interpolated. Depth belongs to colour of the same time; intrinsics may be a millisecond off by name, as the
-set's own loader knows. Whether the world is level is not told. Refined poses are written in the file of
-poses, at the times of the frames.
+interpolated. Depth belongs to colour of the same time; either alone is a frame, too. Intrinsics are the
+nearest ones: names may be a millisecond off, as the set's own loader knows. Whether the world is level is not
+told. Refined poses are written in the file of poses, at the times of the frames.
 """,
     expects=(
         "lowres_wide.traj (color.traj) with folders lowres_depth/ (depth_densified/) and lowres_wide/ "

@@ -17,7 +17,7 @@ from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics, 
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
 from planfit.scan.lens_file import read_lens
-from planfit.scan.poses import pair_times, write_tum
+from planfit.scan.poses import join_times, write_tum
 from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.types import ScanOptions
@@ -139,8 +139,7 @@ def read(source: BagSource, options: ScanOptions) -> Recording:
 def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
     topics = choose_topics(path, reader.connections, options)
     listing = _list_messages(path, reader, topics)
-    mine, depth = _pair(path, listing, options.max_time_gap_s)
-    times = listing.color_times[mine]
+    mine, depth, times = _pair(path, listing, options.max_time_gap_s)
     camera_frame = listing.first[topics.color].header.frame_id
     tree = read_tf(reader)
     if options.poses is None:
@@ -169,8 +168,15 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         format="bag",
         path=path,
         frames=[
-            Frame(f"{time:.6f}", float(time), pose, str(color_idx), str(depth_idx))
-            for time, pose, color_idx, depth_idx in zip(
+            Frame(
+                f"{time:.6f}",
+                float(time),
+                pose,
+                str(i) if i >= 0 else "",
+                str(j) if j >= 0 else "",
+                lacks="colour" if i < 0 else "depth" if j < 0 else "",
+            )
+            for time, pose, i, j in zip(
                 times[known], poses[known], mine[known], depth[known], strict=True
             )
         ],
@@ -180,11 +186,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         color_from_depth=color_from_depth,
         write_poses=write_poses,
         fingerprint=_fingerprint(path, options),
-        skipped=[
-            f"frame at {listing.color_times[i]:.6f} s: no depth within {options.max_time_gap_s:g} s"
-            for i in np.setdiff1d(np.arange(len(listing.colors)), mine)
-        ]
-        + [f"frame at {time:.6f} s: no pose" for time in times[~known]],
+        skipped=[f"frame at {time:.6f} s: no pose" for time in times[~known]],
         warnings=[*warnings, *mount_warnings],
     )
 
@@ -213,17 +215,17 @@ def _list_messages(path: Path, reader: Any, topics: Topics) -> TopicMessages:
 
 def _pair(
     path: Path, listing: TopicMessages, max_gap_s: float
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Numbers of colour and of depth messages that belong together."""
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Numbers of colour and of depth messages of each frame, -1 where it has none, and its time (s)."""
     color_times, depth_times = listing.color_times, listing.depth_times
-    mine, depth = pair_times(color_times, depth_times, max_gap_s)
-    if not len(mine):
+    mine, depth, times = join_times(color_times, depth_times, max_gap_s)
+    if not ((mine >= 0) & (depth >= 0)).any():
         raise ScanError(
             f"{path}: expected depth within {max_gap_s:g} s of colour ({color_times.min():.3f} "
             f"to {color_times.max():.3f} s), found {depth_times.min():.3f} to {depth_times.max():.3f}; "
             "give another topic or --max-time-gap-s"
         )
-    return mine, depth
+    return mine, depth, times
 
 
 def _is_registered(topics: Topics) -> bool:
@@ -339,7 +341,8 @@ BAG = WholeFile(
 Topics are named by the options, or guessed: colour and depth images (raw, compressed or compressedDepth),
 the colour camera's CameraInfo (or a file, `--intrinsics`), and poses from tf (the chain from the camera's
 frame up); where that has no motion, from PoseStamped, Odometry, TransformStamped or the last Path. Times
-are those of the messages' headers. Depth that is not registered to colour is, by the static tf between the
+are those of the messages' headers; colour without depth of its time, and depth without colour, are frames.
+Depth that is not registered to colour is, by the static tf between the
 two cameras. Refined poses are written as `trajectory.tum`, world_from_cam: a bag is not rewritten.
 """,
     expects="a .bag, .mcap or .db3 file, or a ROS 2 bag's folder with metadata.yaml",

@@ -130,6 +130,10 @@ The TUM RGB-D benchmark: images named by their time, three lists, poses of a mot
                                 a tracker's
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
+Images of one list whose moment the other lacks are frames, too. Between poses at 10 Hz or more those of
+images are interpolated. Where times are none of a clock (they repeat, or the path is longer in their order
+than as listed), lists of equal length are taken line by line.
+
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
 file the intrinsics are those the benchmark publishes for freiburg1, 2 or 3, where a name in the path says
 which, or ICL-NUIM's, else its default of the driver. ICL-NUIM's poses are taken as they are, though others

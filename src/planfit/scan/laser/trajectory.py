@@ -27,7 +27,7 @@ from planfit.scan.poses import MAX_ENTRY, contradicts_path, poses_at
 from planfit.scan.tables import shorten, with_decimal_points
 
 MAX_GAP_S = 0.2
-"""A place is known this near to a recorded one, and between two that are five times as far apart."""
+"""A place is known this near to a recorded one, and between two that are six times as far apart."""
 CLOCK_UNITS = (1.0, 1e-3, 1e-6, 1e-9, 1e-12, 1e-15)
 """Seconds of what clocks count, and programs that multiply twice."""
 _UNIT_NAMES = {1e-3: "milliseconds", 1e-6: "microseconds", 1e-9: "nanoseconds"}
