@@ -133,10 +133,8 @@ def calibrate_on_plan(
     with timer.stage("calibrate"):
         problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
         sensor = calibrated.calibration.sensor
-        priors, departure = plan_prior(
-            on_plan, calibrated.calibration, calibrated.observations.priors
-        )
-        found = estimate(measured, problem, unknowns, solve, priors, sensor, departure)
+        priors = plan_prior(on_plan, calibrated.calibration, calibrated.observations.priors)
+        found = estimate(measured, problem, unknowns, solve, priors, sensor)
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
     return _recalibrated(scan, calibrated, found, options, timer)
@@ -209,20 +207,19 @@ def _recalibrated(
 
 def plan_prior(
     on_plan: ScanOnPlan, calibration: Calibration, priors: CalibrationPriors
-) -> tuple[CalibrationPriors, float]:
-    """Priors of the plan, and how far the plan as it is used departs in scale from them, as a share.
+) -> CalibrationPriors:
+    """Priors of a run, with those of its plan.
 
     A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
-    scan's depth be corrected not quite enough: one step then says which, and all comes again; where the plan
-    was taken as drawn, depth alone is asked. One that is further off was drawn so: its scale is free, as that
-    of a plan without unit, whether it was taken at that scale or as drawn; what the sensor measured is not
-    bent to it.
+    scan's depth be corrected not quite enough: depth alone is asked. One that is further off was drawn so,
+    and who allows a plan another scale does not know its own: its scale is free then, as that of a plan
+    without unit; what the sensor measured is not bent to it.
     """
     found, plan = on_plan.alignment, on_plan.floorplan
     if plan is None or plan.before_line is None:
         priors = replace(priors, half_thickness_sigma_m=0.0)
     if found is None or (found.scale_xy == (1.0, 1.0) and not found.is_plan_doubted):
-        return replace(priors, plan_scale_sigma=0.0), 0.0
+        return replace(priors, plan_scale_sigma=0.0)
     departure = float(np.log(found.fitting_scale))
     # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first. What
     # the scan alone asks of depth, and was not corrected, is not the plan's.
@@ -232,11 +229,10 @@ def plan_prior(
     free = replace(priors, plan_scale_sigma=UNKNOWN_SCALE_SIGMA)
     least = min(priors.min_sigmas, MIN_SIGMAS_WITH_PLAN)
     if not found.is_plan_doubted:
-        return replace(free, min_sigmas=least), 0.0
-    # Who allows a plan another scale does not know its own.
+        return replace(free, min_sigmas=least)
     if found.is_plan_rescaled or abs(departure + of_depth) >= PLAN_OFF_SIGMAS * sigma:
-        return free, 0.0
-    return replace(priors, plan_scale_sigma=0.0, min_sigmas=least), 0.0
+        return free
+    return replace(priors, plan_scale_sigma=0.0, min_sigmas=least)
 
 
 def shared_error(
@@ -254,9 +250,8 @@ def shared_error(
     is_possible = problem.options.geometric == "points" and on_plan.storeys is None
     if not is_possible:
         return None
-    priors, plan_departure = plan_prior(on_plan, calibration, priors)
+    priors = plan_prior(on_plan, calibration, priors)
     departures = np.where(calibration.is_kept, calibration.departures, 0.0)
-    departures[PLAN] = plan_departure
     unknowns = problem.unknowns
     step = shared_step(replace(problem, ceiling=None), unknowns, departures, priors.sigmas)
     follow = step.pose_by_shared

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, PLAN, SHARED
+from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, SHARED
 from planfit.adjust.calibration.correct import corrected_measurements
 from planfit.adjust.calibration.priors import CalibrationPriors
 from planfit.adjust.calibration.reduced import SharedStep, shared_step
@@ -83,7 +83,6 @@ def estimate(
     solve: Solve,
     priors: CalibrationPriors,
     start: SensorCalibration = NOMINAL,
-    plan_departure: float = 0.0,
 ) -> Calibration:
     """Find what the sensor does wrong, from poses that were solved as if it did nothing wrong.
 
@@ -97,12 +96,10 @@ def estimate(
         solve: solves again, with other corrections.
         priors: and what is asked of evidence.
         start: what is corrected so far.
-        plan_departure: of the plan in the problem from the one that the prior is about, as a share.
     """
     nominal = NOMINAL.vector
     departures = np.zeros(len(SHARED))
     departures[:ODOMETRY] = start.vector - nominal
-    departures[PLAN] = plan_departure
     is_kept = departures != 0
     is_kept[list(NUISANCES)] = False
     rounds, was_far = 0, False
