@@ -53,7 +53,9 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
     mine, depth, times = join_times(color_times, depth_times, MAX_IMAGE_GAP_S)
     pincam_times, pincams = _by_time(source, lenses, ".pincam")
     nearest = [int(np.argmin(np.abs(pincam_times - time))) for time in times]
-    has_lens = np.abs(pincam_times[nearest] - times) <= MAX_POSE_GAP_S
+    # Colour has a file of its own, whose loss is told; depth between two images takes the nearer one's.
+    max_gap_s = np.where(mine >= 0, MAX_IMAGE_GAP_S, MAX_POSE_GAP_S)
+    has_lens = np.abs(pincam_times[nearest] - times) <= max_gap_s
     pose_times, recorded = _read_poses(source, poses_name)
     poses, known = poses_at(pose_times, recorded, times, MAX_POSE_GAP_S)
     if not (known & (mine >= 0) & (depth >= 0)).any():
@@ -161,9 +163,9 @@ ARKIT_SCENES = FolderLayout(
     SCAN/color.traj, color_intrinsics/, wide/, depth_densified/     the first release: files TIME, no VIDEO
 
 Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
-interpolated. Depth belongs to colour of the same time; either alone is a frame, too. Intrinsics are the
-nearest ones: names may be a millisecond off, as the set's own loader knows. Whether the world is level is not
-told. Refined poses are written in the file of poses, at the times of the frames.
+interpolated. Depth belongs to colour of the same time; either alone is a frame, too. Intrinsics are those of
+the colour, up to a millisecond by name, as the set's own loader knows; of depth alone, the nearest ones.
+Whether the world is level is not told. Refined poses are written in the file of poses, at the times of the frames.
 """,
     expects=(
         "lowres_wide.traj (color.traj) with folders lowres_depth/ (depth_densified/) and lowres_wide/ "
