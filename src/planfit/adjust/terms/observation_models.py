@@ -88,10 +88,10 @@ RAYS = ObservationModel(Loss(LossKind.CAUCHY, 2.0), max_observations=20.0)
 FLOOR = ObservationModel(
     Loss(LossKind.CAUCHY, 2.0), sigma=0.03, max_observations=1.0, points_per_observation=30.0
 )
-"""Points of a frame about its floor: depth noise and an uneven surface. All that a frame sees of a floor is off
-together, as the screed under it is, so it is one observation. With 6, heights on ConSLAM err by 0.054 m instead
-of 0.041, and poses by 0.098 m instead of 0.088; floors that are flat lose at most 0.5 mm (kitchen, lounge,
-acapulco, belgioioso)."""
+"""Points of a frame about its floor: depth noise and an uneven surface. All that a frame sees of a floor is
+off together, as the screed under it is, so it is one observation. With 6, heights on ConSLAM err by 0.054 m
+instead of 0.041, and poses by 0.098 m instead of 0.088; floors that are flat lose at most 0.5 mm (kitchen,
+lounge, acapulco, belgioioso)."""
 CEILING = replace(FLOOR, max_observations=0.5)
 """Half as much as the floor: what hangs from a ceiling is taken for it."""
 WALLS = ObservationModel(

@@ -165,7 +165,8 @@ ARKIT_SCENES = FolderLayout(
 Camera axes are those of OpenCV. Images come at up to 60 Hz, poses at 10 Hz: between two, a pose is
 interpolated. Depth belongs to colour of the same time; either alone is a frame, too. Intrinsics are those of
 the colour, up to a millisecond by name, as the set's own loader knows; of depth alone, the nearest ones.
-Whether the world is level is not told. Refined poses are written in the file of poses, at the times of the frames.
+Whether the world is level is not told. Refined poses are written in the file of poses, at the times of the
+frames.
 """,
     expects=(
         "lowres_wide.traj (color.traj) with folders lowres_depth/ (depth_densified/) and lowres_wide/ "
