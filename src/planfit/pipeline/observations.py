@@ -43,7 +43,14 @@ from planfit.pipeline.depth_or_tracker import (
     errs_clearly_less,
     sensor_by_neighbours,
 )
-from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, unit_by_motion, unit_by_size
+from planfit.pipeline.depth_unit import (
+    AS_READ,
+    DepthUnit,
+    Sizes,
+    in_unit,
+    unit_by_motion,
+    unit_by_size,
+)
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
@@ -299,13 +306,14 @@ def _in_unit_of_depth(
     scan: Scan, judged_in: Callable[[DepthUnit], _Judged]
 ) -> tuple[_Judged, DepthUnit]:
     """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
-    by_size = unit_by_size(scan)
+    sizes = Sizes.of(scan)
+    by_size = unit_by_size(scan, sizes)
     if by_size != AS_READ:
         tried = judged_in(by_size)
         if tried.tracking.is_confirmed:
             return tried, by_size
     judged = judged_in(AS_READ)
-    unit = unit_by_motion(scan, judged.tracking)
+    unit = unit_by_motion(scan, judged.tracking, sizes)
     return (judged if unit.factor == 1.0 else judged_in(unit)), unit
 
 

@@ -118,6 +118,7 @@ cam_params.json, the published values are taken.
     parts=(FRAMES.poses, "results/"),
     frames=_replica_frames,
     metres_per_unit=_metres_per_unit,
+    states_depth_unit=lambda listing: "scale" in _camera(listing.source),
     lens=_lens,
     write=lambda refined: _replica(refined.source).write(refined),
     up_world=UP_Z,
