@@ -168,8 +168,10 @@ def test_max_observations_bounds_what_a_bundle_of_points_is_worth(name, terms, w
 def test_points_per_observation_thins_small_bundles(name, terms, world, rng):
     poses = nudged(rng, world.plan_from_cams, 0.5, 0.02)
     # 80 points a bundle: one effective observation, and two.
-    one = rebuilt(terms[name], points_per_observation=80.0).reweight(poses)[1]
-    two = rebuilt(terms[name], points_per_observation=40.0).reweight(poses)[1]
+    one, two = (
+        rebuilt(terms[name], points_per_observation=n, max_observations=4.0).reweight(poses)[1]
+        for n in (80.0, 40.0)
+    )
     assert_allclose(two, 2 * one)
 
 
