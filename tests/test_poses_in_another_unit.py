@@ -163,14 +163,30 @@ def test_ratio_and_sizes_tell_whose_unit_is_wrong(
     assert found.rival == pytest.approx(unit.rival)
 
 
-def test_what_nothing_tells_is_asked_for_unless_a_plan_does(truth):
-    unit = unit_found(truth, 0.8, 2.5, 1.3, TUM)
-    unit.require_decided(truth.scan, truth.floorplan)
-    for plan in (None, replace(truth.floorplan, is_metric=False)):
-        with pytest.raises(
-            ScanError, match=r"--depth-scale .* 1\.25 .* --poses-convention unit:0\.8"
-        ):
-            unit.require_decided(truth.scan, plan)
+@pytest.mark.slow
+@pytest.mark.parametrize("is_depth_wrong", [True, False])
+def test_a_plan_in_metres_tells_what_sizes_cannot(truth, is_depth_wrong):
+    """Depth of 1/4000 m read as 1/5000, or poses in units of 0.8 m: both as unusual, and equal but for the
+    plan."""
+    if is_depth_wrong:
+        scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.8))
+    else:
+        poses = truth.scan.world_from_cams
+        long = se3.make_transform(poses[:, :3, :3], 1.25 * poses[:, :3, 3])
+        scan = replace(truth.scan, world_from_cams=long)
+    scan = replace(scan, depth_read_in_m=TUM)
+    found = planfit.refine(scan, truth.floorplan)
+    assert found.depth_unit == DepthUnit(1.25 if is_depth_wrong else 1.0)
+    assert found.tracking is not None
+    assert found.tracking.metres_per_unit == pytest.approx(1.0 if is_depth_wrong else 0.8, 0.02)
+    right = planfit.refine(truth.scan, truth.floorplan)
+    assert error_m(found, truth) < error_m(right, truth) + 0.005
+
+
+def test_what_nothing_tells_is_asked_for(truth):
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.8), depth_read_in_m=TUM)
+    with pytest.raises(ScanError, match=r"--depth-scale .* 1\.25 .* --poses-convention unit:0\.8"):
+        planfit.refine(scan, replace(truth.floorplan, is_metric=False))
 
 
 def test_a_unit_that_the_user_named_is_not_doubted(truth):

@@ -37,8 +37,10 @@ FLOAT_UNITS = (MILLIMETRE, FOOT)
 POSE_UNITS = 1e3
 """Units of poses' own lie between a thousandth of a metre and so many metres, each factor as likely."""
 OTHERWISE = 0.1
-"""How often, beforehand, depth whose unit nothing states is in another than its format's usual one; how often
-poses have a unit of their own; and how often a size is not that of a room."""
+"""How often, beforehand, depth whose unit nothing states is in another than its format's usual one; as often
+as poses have a unit of their own."""
+STRANGE = 0.02
+"""How often a size is not that of a room: drones in halls, things on a table."""
 SIZES = 1e3
 """Sizes that are not those of rooms lie within such a factor, each factor as likely."""
 STEP_PX = 8
@@ -163,7 +165,7 @@ def _cost(size_m: float | None, factor: float, usual_m: Prior, sigma_share: Prio
         return 0.0
     sigmas = np.log(factor * size_m / usual_m.value) / sigma_share.value
     usual = np.exp(-0.5 * sigmas**2) / (sigma_share.value * np.sqrt(2 * np.pi))
-    return float(-2 * np.log((1 - OTHERWISE) * usual + OTHERWISE / np.log(SIZES)))
+    return float(-2 * np.log((1 - STRANGE) * usual + STRANGE / np.log(SIZES)))
 
 
 def _camera_height_m(scan: Scan) -> float | None:
