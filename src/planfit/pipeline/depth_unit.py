@@ -129,12 +129,22 @@ def unit_by_size(scan: Scan, sizes: Sizes) -> DepthUnit:
     return DepthUnit(best) if as_other < sizes.cost(1.0) - 2 * np.log(1 - OTHERWISE) else AS_READ
 
 
-def unit_by_motion(scan: Scan, tracking: Tracking, sizes: Sizes) -> DepthUnit:
-    """The unit of depth that a tracker in metres and sizes ask for, where depth has another metre."""
-    fit, ratio, factors = tracking.convention_fit, 1 / tracking.metres_per_unit, _factors(scan)
-    is_off = ratio != 1.0 and fit is not None and fit.is_own_unit and fit.is_clear
+def unit_by_motion(
+    scan: Scan, tracking: Tracking, sizes: Sizes, tried: DepthUnit = AS_READ
+) -> DepthUnit:
+    """The unit of depth that a tracker in metres and sizes ask for, where depth has another metre.
+
+    Args:
+        scan: as read.
+        tracking: judged beside depth in the unit `tried`.
+        sizes: of the scan as read.
+        tried: a unit.
+    """
+    fit, factors = tracking.convention_fit, _factors(scan)
+    is_off = fit is not None and fit.is_own_unit and fit.is_clear
     if not (is_off and factors):
         return AS_READ
+    ratio = tried.factor / tracking.metres_per_unit
     off = np.log(ratio) - np.log(factors)
     sigma = float(np.hypot(PRIORS.depth_scale_sigma, PRIORS.odometry_scale_sigma))
     k = int(np.argmin(np.abs(off)))

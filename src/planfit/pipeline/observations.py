@@ -306,15 +306,15 @@ def _in_unit_of_depth(
     scan: Scan, judged_in: Callable[[DepthUnit], _Judged]
 ) -> tuple[_Judged, DepthUnit]:
     """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
-    sizes = Sizes.of(scan)
-    by_size = unit_by_size(scan, sizes)
-    if by_size != AS_READ:
-        tried = judged_in(by_size)
-        if tried.tracking.is_confirmed:
-            return tried, by_size
-    judged = judged_in(AS_READ)
-    unit = unit_by_motion(scan, judged.tracking, sizes)
-    return (judged if unit.factor == 1.0 else judged_in(unit)), unit
+    sizes, unit = Sizes.of(scan), AS_READ
+    for tried in dict.fromkeys((unit_by_size(scan, sizes), AS_READ)):
+        judged = judged_in(tried)
+        if tried != AS_READ and judged.tracking.is_confirmed:
+            return judged, tried
+        unit = unit_by_motion(scan, judged.tracking, sizes, tried)
+        if unit != AS_READ:
+            break
+    return (judged if unit.factor == tried.factor else judged_in(unit)), unit
 
 
 def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: Runtime) -> _Judged:
