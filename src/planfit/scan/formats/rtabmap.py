@@ -26,6 +26,7 @@ from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import WholeFile
 from planfit.scan.poses import check_recorded_pose, is_lost
 from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.source import fingerprint
 from planfit.scan.types import ScanOptions
 
 STALE = (
@@ -123,7 +124,7 @@ def read(source: DatabaseSource, options: ScanOptions) -> Recording:
         images=images,
         color_lens=lens,
         write_poses=write_poses,
-        fingerprint=images.fingerprint([], frames, options),
+        fingerprint=fingerprint(images.source, images.files(frames), options),
         skipped=skipped,
         warnings=warnings,
     )
