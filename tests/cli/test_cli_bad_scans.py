@@ -461,3 +461,23 @@ def test_an_empty_path_of_a_variable_that_is_not_set(
         assert "IMDF" in refused(capsys, "plan", folder)
     with pytest.raises(FloorplanError, match="found an empty one"):
         read_floorplan("")
+
+
+def test_a_video_whose_title_is_in_no_known_letters(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_stray(tmp_path, sample)
+    data = (tmp_path / "rgb.mp4").read_bytes()
+    assert b"Lavf" in data
+    (tmp_path / "rgb.mp4").write_bytes(data.replace(b"Lavf", b"La\xffv"))
+    assert spoken(capsys, "inspect", tmp_path) == (0, [], "")
+
+
+def test_a_video_that_is_a_list_of_other_files(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """FFmpeg tells files by what they hold, and would open those that a list names."""
+    write_stray(tmp_path, sample)
+    (tmp_path / "rgb.mp4").rename(tmp_path / "other.mp4")
+    put(tmp_path / "rgb.mp4", "ffconcat version 1.0\nfile other.mp4\n")
+    assert "expected a video, found a file" in refused(capsys, "inspect", tmp_path)
