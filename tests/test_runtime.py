@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_info
 
 from planfit.errors import OutputError
 from planfit.runtime import Runtime, StageTimer, blas_on_one_thread, cache_key, in_threads
-from planfit.runtime.cache_chunks import read_chunk, write_chunk
+from planfit.runtime.cache_chunks import DamagedChunk, read_chunk, write_chunk
 
 
 class Counter:
@@ -206,6 +206,24 @@ def test_a_corrupt_chunk_is_made_again_and_the_others_are_not(tmp_path, damage):
     assert again.asked == []
 
 
+def test_a_chunk_in_the_place_of_another_is_made_again(tmp_path, caplog):
+    """Of the same stage, of another, and of the same with other inputs: whole, and not believed."""
+    runtime = Runtime(1, tmp_path)
+    for stage, key in (("squares", "key"), ("squares", "other"), ("cubes", "key")):
+        runtime.map(stage, key, 8, Counter(), 4)
+    first, second = sorted((tmp_path / "squares-key").iterdir())
+    assert not caplog.messages
+    for other in (second, *sorted(tmp_path.glob("*-*/000000.chunk"))):
+        if other == first:
+            continue
+        first.write_bytes(other.read_bytes())
+        count = Counter()
+        assert squares(runtime.map("squares", "key", 8, count, 4)) == [i * i for i in range(8)]
+        assert count.asked == [0, 1, 2, 3]
+        assert "found 1 of 2 damaged or exchanged; these are redone" in caplog.messages[-1]
+    assert len(caplog.messages) == 3
+
+
 def test_no_flipped_bit_is_believed(tmp_path, rng):
     items = [
         {"pose": np.eye(4), "idx": np.arange(3)},
@@ -220,7 +238,8 @@ def test_no_flipped_bit_is_believed(tmp_path, rng):
         for at in rng.choice(len(data), rng.integers(1, 4), replace=False):
             data[at] ^= 1 << int(rng.integers(8))
         path.write_bytes(data)
-        assert read_chunk(path, 3) is None
+        with pytest.raises(DamagedChunk):
+            read_chunk(path, 3)
     path.write_bytes(whole)
     again = read_chunk(path, 3)
     assert again is not None
@@ -229,7 +248,8 @@ def test_no_flipped_bit_is_believed(tmp_path, rng):
         for name, array in before.items():
             assert array.dtype == after.arrays[name].dtype
             np.testing.assert_array_equal(array, after.arrays[name])
-    assert read_chunk(path, 2) is None
+    with pytest.raises(DamagedChunk):
+        read_chunk(path, 2)
     assert read_chunk(tmp_path / "absent.chunk", 3) is None
 
 

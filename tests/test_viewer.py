@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import socket
 import threading
 import tracemalloc
 from dataclasses import asdict
@@ -128,7 +129,8 @@ def test_only_who_has_the_address_is_answered(served):
         assert served.ask("add", {"kind": "add_loop", "entry": {}}, prefix=prefix)[0] == 403
     # A name that was made to lead here, and a page of elsewhere.
     assert served.ask("state", Host="elsewhere.example")[0] == 403
-    assert served.ask("solve", {}, Origin="http://elsewhere.example")[0] == 403
+    for origin in ("http://elsewhere.example", "null"):  # a file, or a page that hides who it is
+        assert served.ask("solve", {}, Origin=origin)[0] == 403
     assert not served.session.is_solving
     # A form of another page can send text, not JSON.
     assert served.ask("solve", {}, Content_Type="text/plain")[0] == 400
@@ -321,6 +323,21 @@ def test_requests_of_other_kinds_are_refused(served):
     assert served.ask("add", b"[1]")[0] == 400
     assert served.ask("add", b"{}", Content_Length="2000000")[0] == 400
     assert served.ask("other", {})[0] == 404
+
+
+def test_what_no_browser_asks_is_answered_and_prints_nothing(served, capfd):
+    """An address of no host, from whoever knows the port, and a number that is no float."""
+    port = served.server.server_address[1]
+    with socket.create_connection(("127.0.0.1", port), timeout=30) as asking:
+        asking.sendall(b"GET http://[::1/x HTTP/1.1\r\nHost: x\r\n\r\n")
+        assert asking.recv(12) == b"HTTP/1.1 403"
+    many = b"9" * 400
+    for body in (b'{"frame": 0, "point": [%s, 0, 0]}' % many, b'{"frame": %s}' % many):
+        status, said = served.ask("pixel", body)
+        assert (status, said) == (400, b"expected a JSON object of numbers below 1e18")
+    host = f"localhost:{port}"
+    assert served.ask("add", b"{}", Host=host, Origin=f"http://{host}")[0] == 400
+    assert capfd.readouterr().err == ""
 
 
 def test_a_damaged_file_is_told_and_left_as_it_is(served):

@@ -1,6 +1,7 @@
 """`planfit align`: what it writes, what it says, and its exit codes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,29 @@ def chunks(cache: Path) -> dict[str, int]:
     return {
         str(path.relative_to(cache)): path.stat().st_mtime_ns for path in cache.rglob("*.chunk")
     }
+
+
+def test_files_of_a_cache_that_were_exchanged_are_made_again(
+    aligned: Path, small_scan: Path, tmp_path: Path, capsys
+) -> None:
+    """Within each stage, and the first ones between stages: whole files, each in the place of another."""
+    out, words = tmp_path / "out", [str(small_scan), str(small_scan / "floorplan.npy"), "-o"]
+    shutil.copytree(aligned, out)
+    first = sorted((out / "cache").glob("*/000000.chunk"))
+    whole = {path: path.read_bytes() for path in sorted((out / "cache").rglob("*.chunk"))}
+    for path, other in zip(first, [*first[1:], first[0]], strict=True):
+        path.write_bytes(whole[other])
+        beside = [each for each in whole if each.parent == path.parent][1:]
+        for each, next_to in zip(beside, [*beside[1:], path], strict=False):
+            each.write_bytes(whole[next_to])
+    assert run(["align", *words, str(out)]) == 0
+    said = capsys.readouterr().err
+    assert said.count("damaged or exchanged; these are redone") == len(first)
+    assert {path: path.read_bytes() for path in whole} == whole
+    for name in ("alignment.json", "candidate_1.png"):
+        assert (out / name).read_bytes() == (aligned / name).read_bytes()
+    assert run(["align", *words, str(out)]) == 0
+    assert "redone" not in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -3,11 +3,15 @@
 import json
 import os
 import re
+import socket
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from planfit.errors import FloorplanError, ScanError
+from planfit.floorplan import read_floorplan
+from planfit.scan import read_scan
 from scan_samples import (
     WRITERS,
     N,
@@ -331,3 +335,149 @@ def test_a_time_that_is_none(
         f"{tmp_path}/s.r3d: frame 2: expected a time, found NaN or infinity; remove the frame or export the "
         "scan again"
     )
+
+
+def name_in(path: Path, old: str, new: str) -> None:
+    """A list of names with another one in the place of one."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize("lead", ["../secret.png", "rgb/../../secret.png", "{tmp}/secret.png"])
+@pytest.mark.parametrize("kind", ["tum", "nerfstudio", "openloris"])
+def test_a_name_in_a_list_that_leads_out_of_the_scan(
+    kind: str, lead: str, sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An image of another place is not read as one of the scan's; that a file is there is not told."""
+    WRITERS[kind](tmp_path / "scan", sample)
+    put(tmp_path / "secret.png", png(sample.depth_mm[0]))
+    listed, name = {
+        "tum": ("depth.txt", f"depth/{sample.times[0] + 0.004:.6f}.png"),
+        "nerfstudio": ("transforms.json", "depth/frame_00001.png"),
+        "openloris": ("aligned_depth.txt", f"aligned_depth/{sample.times[0]:.6f}.png"),
+    }[kind]
+    lead = lead.format(tmp=tmp_path)
+    name_in(tmp_path / "scan" / listed, name, lead)
+    assert refused(capsys, "inspect", tmp_path / "scan") == (
+        f"{tmp_path}/scan: expected names of files inside this folder, found {lead!r} in one of its lists, "
+        "which leads out of it; put that file inside and mend the list, or do not trust this scan"
+    )
+
+
+@pytest.mark.parametrize("lead", ["{scan}/images/frame_00001.png", "depth/../images/frame_00001"])
+def test_a_name_that_leads_into_the_scan_again_is_read(
+    lead: str, sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Programs write absolute paths, also through a link to the scan."""
+    WRITERS["nerfstudio"](tmp_path / "scan", sample)
+    (tmp_path / "link").symlink_to(tmp_path / "scan")
+    name = lead.format(scan=tmp_path / "scan")
+    name_in(tmp_path / "scan" / "transforms.json", "images/frame_00001.png", name)
+    for path in (tmp_path / "scan", tmp_path / "link"):
+        assert spoken(capsys, "inspect", path) == (0, [], "")
+
+
+def test_links_that_lead_out_of_the_scan_are_followed_and_said(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Whoever has the disk may have his images elsewhere on it; a list of names may not."""
+    scan, other = tmp_path / "scan", tmp_path / "other"
+    write_redwood(scan, sample)
+    (scan / "depth").rename(other)
+    (scan / "depth").symlink_to(other)
+    for name, place in (("00000.png", tmp_path), ("00001.png", scan)):
+        (scan / "color" / name).rename(place / name)
+        (scan / "color" / name).symlink_to(place / name)
+    code, _, notes = spoken(capsys, "inspect", scan)
+    assert code == 0
+    assert f"{N + 1} of {2 * N + 2} files are read outside of the scan's folder" in notes
+    assert "look whether they are of this scan" in notes
+
+
+def test_a_name_too_long_for_any_file(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_tum(tmp_path, sample)
+    name = f"depth/{sample.times[0] + 0.004:.6f}.png"
+    name_in(tmp_path / "depth.txt", name, "x" * 300)
+    line = f"{tmp_path}/{'x' * 300}: cannot be read (File name too long); copy or export the scan again"
+    assert refused(capsys, "inspect", tmp_path) == line
+    with pytest.raises(ScanError, match="File name too long"):
+        read_scan(tmp_path)
+
+
+@pytest.mark.parametrize("made", ["a pipe", "a socket", "a device"])
+def test_what_is_no_file_is_not_waited_for(
+    made: str, sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As a scan, as a plan, as another file, and in a scan's folder."""
+    scan, path = tmp_path / "scan", Path("/dev/zero")
+    if made == "a pipe":
+        path = tmp_path / "a.bag"
+        os.mkfifo(path)
+    if made == "a socket":
+        path = tmp_path / "s"
+        with socket.socket(socket.AF_UNIX) as one:
+            one.bind(str(path))
+    write_tum(scan, sample)
+    step = "; write what it gives into a file, and give that"
+    line = f"{path}: expected a file or a folder, found {made}{step}"
+    out = tmp_path / "out"
+    for words in (
+        ["inspect", path],
+        ["plan", path],
+        ["inspect", scan, "--poses", path],
+        ["refine", scan, "--plan", path, f"--config={path}", "-o", out],
+    ):
+        assert refused(capsys, *words) == line
+    with pytest.raises(ScanError, match=f"found {made}; "):
+        read_scan(path)
+    with pytest.raises(FloorplanError, match=f"expected a floorplan, found {made}; "):
+        read_floorplan(path)
+    (scan / "groundtruth.txt").unlink()
+    (scan / "groundtruth.txt").symlink_to(path)
+    assert "found none" in refused(capsys, "inspect", scan)
+    assert not out.exists()
+
+
+def test_an_empty_path_of_a_variable_that_is_not_set(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch
+) -> None:
+    write_tum(tmp_path / "scan", sample)
+    monkeypatch.chdir(tmp_path)
+    refine = ("refine", "scan", "-o", "out")
+    for where, words in (
+        ("plan", ["plan", ""]),
+        ("inspect", ["inspect", ""]),
+        ("--plan", [*refine, "--plan", ""]),
+        ("--plan", [*refine, "--plan="]),
+        ("--config", [*refine, "--config="]),
+    ):
+        assert refused(capsys, *words) == (
+            f"{where}: expected a path, found an empty word; is a variable of the shell not set?"
+        )
+    for folder in (".", "/"):
+        assert "IMDF" in refused(capsys, "plan", folder)
+    with pytest.raises(FloorplanError, match="found an empty one"):
+        read_floorplan("")
+
+
+def test_a_video_whose_title_is_in_no_known_letters(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_stray(tmp_path, sample)
+    data = (tmp_path / "rgb.mp4").read_bytes()
+    assert b"Lavf" in data
+    (tmp_path / "rgb.mp4").write_bytes(data.replace(b"Lavf", b"La\xffv"))
+    assert spoken(capsys, "inspect", tmp_path) == (0, [], "")
+
+
+def test_a_video_that_is_a_list_of_other_files(
+    sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """FFmpeg tells files by what they hold, and would open those that a list names."""
+    write_stray(tmp_path, sample)
+    (tmp_path / "rgb.mp4").rename(tmp_path / "other.mp4")
+    put(tmp_path / "rgb.mp4", "ffconcat version 1.0\nfile other.mp4\n")
+    assert "expected a video, found a file" in refused(capsys, "inspect", tmp_path)

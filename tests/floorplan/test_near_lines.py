@@ -1,5 +1,10 @@
 """Lines near one another, found without looking at every pair: the same ones; refused where too many."""
 
+import json
+import re
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import scipy.sparse
@@ -8,7 +13,10 @@ import shapely
 from planfit.errors import FloorplanError
 from planfit.floorplan import read_floorplan
 from planfit.floorplan.near_lines import groups_within, possible_partners
+from planfit.floorplan.vector.cleaning import MOST_TIMES, cleaned
+from planfit.floorplan.vector.drawing import DrawingBuilder
 from planfit.floorplan.vector.line_work import merge_collinear
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 
 
@@ -89,3 +97,120 @@ def test_line_work_beyond_any_plan_is_refused_in_a_line(tmp_path, rng, kind):
     path = svg_of(tmp_path / "dense.svg", ends)
     with pytest.raises(FloorplanError, match=rf"dense\.svg: expected line work .*{kind}.*--layer"):
         read_floorplan(path)
+
+
+def geojson_of(path, kind, coordinates):
+    features = [
+        {"type": "Feature", "properties": {"type": "wall"},
+         "geometry": {"type": kind, "coordinates": each}}
+        for each in coordinates
+    ]  # fmt: skip
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+
+
+def star(n):
+    """A closed outline of `n` corners, of which each side crosses most others."""
+    angle = 2.399 * np.arange(n)
+    points = np.stack([4.5 + 4 * np.cos(angle), 3 + 3 * np.sin(angle)], axis=1)
+    return [*points.tolist(), points[0].tolist()]
+
+
+ROOM = [[0, 0, 9, 0], [9, 0, 9, 6], [9, 6, 0, 6], [0, 6, 0, 0]]
+
+
+def star_of_one_polygon(path):
+    geojson_of(path, "Polygon", [[star(4000)]])
+
+
+def stars_of_many_polygons(path):
+    geojson_of(path, "Polygon", [[star(40)] for _ in range(40)])
+
+
+def needles_across_one_another(path):
+    rng = np.random.default_rng(0)
+    tips, feet = rng.uniform(0, 20, (2, 4000, 2))
+    rings = np.stack([tips, feet, feet + 0.1, tips], axis=1)
+    geojson_of(path, "Polygon", [[ring] for ring in rings.tolist()])
+
+
+def star_filled(path):
+    points = " ".join(f"{x:.3f},{y:.3f}" for x, y in star(4000))
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg"><path d="M{points}Z"/></svg>')
+
+
+def nearly_equal_segments(path):
+    noise = np.random.default_rng(0).normal(0, 1e-9, (800_000, 4))
+    np.save(path, np.tile(ROOM, (200_000, 1)) + noise)
+
+
+def specks_on_one_another(path):
+    ends = np.tile([[[450.0, 450.0], [450.1, 450.0]]], (30_000, 1, 1))
+    ends += np.random.default_rng(0).uniform(0, 0.02, ends.shape)
+    room = 100 * np.reshape(ROOM, (-1, 2, 2))
+    svg_of(path, np.concatenate([room, ends]))
+
+
+@pytest.mark.parametrize(
+    ("make", "name"),
+    [
+        (star_of_one_polygon, "a.geojson"),
+        (stars_of_many_polygons, "a.geojson"),
+        (needles_across_one_another, "a.geojson"),
+        (star_filled, "a.svg"),
+        pytest.param(nearly_equal_segments, "a.npy", marks=pytest.mark.slow),
+        pytest.param(specks_on_one_another, "a.svg", marks=pytest.mark.slow),
+    ],
+)
+def test_plans_that_would_take_all_memory_are_refused_in_a_line(tmp_path, make, name):
+    """Two of them took 4.7 GB, and one of these ended the process."""
+    make(tmp_path / name)
+    code, said, peak_mb = planned(tmp_path / name)
+    assert code == 2, said
+    assert re.fullmatch(
+        rf"planfit: .*{name}: expected line work of a plan, found .*--layer.*", said
+    )
+    assert peak_mb < 2000
+
+
+@pytest.mark.slow
+def test_a_wall_drawn_a_hundred_thousand_times_is_one(tmp_path):
+    """It took 3.5 GB, and was refused as a damaged file."""
+    path = tmp_path / "a.geojson"
+    lines = [[[a, b], [c, d]] for a, b, c, d in [*ROOM, *[[3, 0, 3, 6]] * 100_000]]
+    geojson_of(path, "LineString", lines)
+    code, said, peak_mb = planned(path, "--unit", "m")
+    assert code == 0, said
+    assert peak_mb < 2000
+
+
+def planned(path, *words):
+    """Exit code, standard error and megabytes of `planfit plan` in a process of its own."""
+    code = f"""
+import resource
+from planfit.cli import run
+code = run(["plan", {str(path)!r}, *{words!r}])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000)
+raise SystemExit(code)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    return done.returncode, done.stderr.strip(), float(done.stdout.splitlines()[-1])
+
+
+def test_a_ring_that_crosses_itself_now_and_then_is_made_valid():
+    bow_tie, pentagram = shapely.Polygon([[0, 0], [9, 6], [9, 0], [0, 6]]), shapely.Polygon(star(5))
+    crossings = SelfCrossings()
+    for area in (bow_tie, pentagram, shapely.Polygon(star(20)), shapely.box(0, 0, 1, 1)):
+        assert crossings.valid(area).equals(shapely.make_valid(area))
+    many = [shapely.Polygon(star(20))] * 100
+    with pytest.raises(FloorplanError, match="cross themselves over 4000 times"):
+        list(map(crossings.valid, many))
+
+
+def test_of_a_line_drawn_many_times_some_stay():
+    ends = np.array([[[0.0, 0.0], [9.0, 0.0]]] * 200 + [[[0.0, 0.0], [0.0, 6.0]]] * 3)
+    builder = DrawingBuilder()
+    for k, each in enumerate(ends):
+        builder.add_polyline(each if k % 2 else each[::-1], np.zeros(1, dtype=bool), "walls", "")
+    drawing, notes = cleaned(builder.build())
+    assert len(drawing.lines) == MOST_TIMES + 3
+    assert notes == ("201 lines drawn twice",)

@@ -22,7 +22,9 @@ from rtabmap_writer import (
 
 from planfit.errors import ScanError
 from planfit.scan import read_scan
+from planfit.scan.formats import rtabmap_source
 from scan_samples import N, png
+from spoiled_scans import refused, spoken
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 REAL = DATA / "real_files" / "rtabmap" / "openvins_ros2.db"
@@ -208,6 +210,26 @@ def test_damaged_depth_is_an_error_that_names_the_node(kind, sample, tmp_path):
     write_rtabmap(tmp_path / "map.db", sample, depth=lambda d: encode(d)[:700])
     with pytest.raises(ScanError, match="depth/1"):
         read_scan(tmp_path / "map.db").files.depth(0)
+
+
+ENDLESS = "WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r)"
+
+
+def test_a_database_whose_tables_have_no_end(sample, tmp_path, capsys, monkeypatch):
+    """Neither a view, nor any other query that SQLite is at work on."""
+    path = tmp_path / "map.db"
+    write_rtabmap(path, sample)
+    assert spoken(capsys, "inspect", path)[0] == 0
+    monkeypatch.setattr(rtabmap_source, "MAX_QUERY_S", 0.2)
+    with pytest.raises(ScanError, match=r"cannot be read \(interrupted\); copy it again"):
+        rtabmap_source.DatabaseSource(path).rows(f"{ENDLESS} SELECT sum(x) FROM r")
+    with sqlite3.connect(path) as map_:
+        map_.execute("ALTER TABLE Data RENAME TO Old")
+        map_.execute(f"CREATE VIEW Data AS {ENDLESS} SELECT Old.* FROM Old, r")
+    assert refused(capsys, "inspect", path) == (
+        f"{path}: expected tables of RTAB-Map, found a view (Data), which is a query that may have no end; "
+        "do not trust this database, or save the map again"
+    )
 
 
 @pytest.mark.shared

@@ -65,12 +65,16 @@ def speaking_as(speech: Speech) -> Iterator[None]:
         )  # fmt: skip
     handlers = [logging.StreamHandler(sys.stderr)] if speech.is_verbose else []
     handlers += [logging.StreamHandler(speech.log)] if speech.log is not None else []
+    # Warnings of planfit's own, such as of a damaged cache, are for all but those who want errors alone.
+    is_told = not (speech.is_quiet or speech.is_verbose)
+    own = (logging.lastResort if is_told else None) or logging.NullHandler()
     loggers = [logging.getLogger("planfit"), logging.getLogger("py.warnings")]
     levels = [logger.level for logger in loggers]
     logging.captureWarnings(True)
     for console in (out, err):
         console.speech, console.copy = speech, log
     out.quiet = speech.is_quiet
+    loggers[0].addHandler(own)
     for logger in loggers if handlers else []:
         logger.setLevel(logging.DEBUG)
         for handler in handlers:
@@ -82,6 +86,7 @@ def speaking_as(speech: Speech) -> Iterator[None]:
             console.speech, console.copy = USUAL, None
         out.quiet = False
         logging.captureWarnings(False)
+        loggers[0].removeHandler(own)
         for logger, level in zip(loggers, levels, strict=True):
             logger.setLevel(level)
             for handler in handlers:

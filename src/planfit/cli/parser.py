@@ -14,6 +14,7 @@ import tyro
 from planfit.cli.commands import COMMANDS_BY_NAME, KnownFlag, looks_like_flag, plain_name
 from planfit.cli.config import configured, words_behind
 from planfit.errors import OptionError, did_you_mean
+from planfit.runtime import require_content
 
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "text"}
 """What tyro calls kinds of values, in words."""
@@ -32,6 +33,7 @@ def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
         OptionError: the words are not what the command takes; or the file of options is missing, or has an
             option that is unknown or cannot work.
     """
+    _check_paths(_Line(prog, argv))
     default = configured(arguments_type, argv)
     said = io.StringIO()
     try:
@@ -144,6 +146,25 @@ class _Line:
         else:
             step = f"'{self.prog} --help' tells more"
         return f"{self.name}: expected {self.usage}, found {word!r} besides; {step}"
+
+
+def _check_paths(line: _Line) -> None:
+    """Raise `OptionError` at a word that is no file to read: a pipe, for whose writer a reader would wait, a
+    device, or nothing, which a variable of the shell leaves that is not set."""
+    flag = ""
+    for word in line.words:
+        value = word
+        if looks_like_flag(word):
+            flag, value = plain_name(word), word.partition("=")[2]
+            if "=" not in word:
+                continue
+        known = line.flags.get(flag)
+        if value == "" and (flag in ("", "--plan") or (known is not None and known.kind == "file")):
+            raise OptionError(
+                f"{flag or line.name}: expected a path, found an empty word; is a variable of the shell not "
+                "set?"
+            )
+        require_content(Path(value), OptionError, "a file or a folder")
 
 
 def _refused_by(line: _Line) -> contextlib.AbstractContextManager[None]:

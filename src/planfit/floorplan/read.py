@@ -10,14 +10,16 @@ from planfit.floorplan.near_lines import LineWorkTooDense
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
-from planfit.runtime import unpacked
+from planfit.runtime import require_content, unpacked
 
 
 def _map_hint(path: Path) -> str:
     """What to say of a picture that a ROS map's description lies beside, which has its scale."""
+    if path.suffix.lower() not in PICTURE_SUFFIXES:
+        return ""
     beside = [path.with_suffix(end) for end in (".yaml", ".yml")]
     names = [p.name for p in beside if p.is_file()]
-    if path.suffix.lower() not in PICTURE_SUFFIXES or not names:
+    if not names:
         return ""
     return (
         f"{names[0]} beside it may describe it as a ROS map: give that file, which tells the scale"
@@ -30,7 +32,12 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
     Raises:
         FloorplanError: the file is missing, of another kind, without walls, or of absurd size.
     """
+    if path == "":
+        raise FloorplanError(
+            "plan: expected the path of a floorplan, found an empty one; is a variable not set?"
+        )
     path, options = Path(path), options or PlanOptions()
+    require_content(path, FloorplanError, "a floorplan")
     if not path.exists():
         try:
             with unpacked(path) as copy:

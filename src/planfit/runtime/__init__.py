@@ -5,6 +5,9 @@ library (filelock) is loaded only where there is a folder to lock.
 """
 
 from planfit.runtime.archives import archive_of as archive_of
+from planfit.runtime.archives import leads_out as leads_out
+from planfit.runtime.archives import path_inside as path_inside
+from planfit.runtime.archives import require_content as require_content
 from planfit.runtime.archives import unpacked as unpacked
 from planfit.runtime.cache_chunks import Arrays as Arrays
 from planfit.runtime.cache_chunks import StoredArray as StoredArray

@@ -1,7 +1,8 @@
 """Arrays of some items as one file of the cache: written whole or not at all, believed by its checksum alone.
 
-A file that was cut, flipped or written by another program is no file: its items are computed again. Large
-arrays may stay there until they are asked for.
+The checksum is of the content and of the place: stage, key of all that the result depends on, first item. A
+file that was cut, flipped, put in another's place or written by another program is no file: its items are
+computed again. Large arrays may stay there until they are asked for.
 """
 
 import hashlib
@@ -21,8 +22,12 @@ from planfit.runtime.whole_files import whole_file
 
 Arrays = dict[str, np.ndarray]
 SUFFIX = ".chunk"
-_MAGIC = b"planfit chunk 1\n"
+_MAGIC = b"planfit chunk 2\n"
 _DIGEST_BYTES, _LENGTH_BYTES = 16, 8
+
+
+class DamagedChunk(Exception):
+    """A file is not exactly what was written to its place."""
 
 
 class TemporaryFolder:
@@ -96,9 +101,9 @@ class StoredItem:
 def write_chunk(path: Path, items: list[Arrays]) -> list[dict[str, StoredArray]]:
     """Write named arrays of items; returns where each lies.
 
-    After the magic: BLAKE2 of the rest, the length of the index, the index (JSON: how many items; item, name,
-    type and shape of each array), the arrays. As members of an archive each array would cost 0.3 ms to find
-    and to read, and a scan has thousands of small ones.
+    After the magic: BLAKE2 of the place and the rest, the length of the index, the index (JSON: how many
+    items; item, name, type and shape of each array), the arrays. As members of an archive each array would
+    cost 0.3 ms to find and to read, and a scan has thousands of small ones.
 
     Raises:
         OutputError: it cannot be written.
@@ -118,7 +123,7 @@ def write_chunk(path: Path, items: list[Arrays]) -> list[dict[str, StoredArray]]
     kept = "free disk space and run again, finished work is kept"
     # Processes that share a cache may write the same file at the same time: any of theirs may stay.
     with whole_file(path, kept, f".{os.getpid()}") as part, part.open("wb") as file:
-        file.write(_MAGIC + _digest(parts))
+        file.write(_MAGIC + _digest(path, parts))
         file.writelines(parts)
     content = len(_MAGIC) + _DIGEST_BYTES + _LENGTH_BYTES + len(index)
     return _located(path, len(items), table, content)
@@ -126,19 +131,25 @@ def write_chunk(path: Path, items: list[Arrays]) -> list[dict[str, StoredArray]]
 
 def read_chunk(path: Path, n_items: int, stored: Collection[str] = ()) -> list[StoredItem] | None:
     """The arrays of `n_items`, each with memory of its own, but those of the names `stored` stay in the file;
-    None where there is no such file, it is not exactly what was written, or holds another number of items."""
+    None where there is no such file.
+
+    Raises:
+        DamagedChunk: it is not exactly what was written there, or holds another number of items.
+    """
+    if not path.is_file():  # nor a pipe
+        return None
     try:
         data = memoryview(path.read_bytes())
     except OSError:
         return None
     begin = len(_MAGIC) + _DIGEST_BYTES
-    if data[: len(_MAGIC)] != _MAGIC or data[len(_MAGIC) : begin] != _digest([data[begin:]]):
-        return None
+    if data[: len(_MAGIC)] != _MAGIC or data[len(_MAGIC) : begin] != _digest(path, [data[begin:]]):
+        raise DamagedChunk(path)
     at = begin + _LENGTH_BYTES
     content = at + int.from_bytes(data[begin:at], "little")
     index = json.loads(bytes(data[at:content]))
     if index["items"] != n_items:
-        return None
+        raise DamagedChunk(path)
     located = _located(path, n_items, index["arrays"], content)
     return [
         StoredItem(
@@ -167,8 +178,11 @@ def _copied(data: memoryview, at: StoredArray) -> np.ndarray:
     return array
 
 
-def _digest(parts: list[bytes] | list[memoryview]) -> bytes:
-    digest = hashlib.blake2b(digest_size=_DIGEST_BYTES)
+def _digest(path: Path, parts: list[bytes] | list[memoryview]) -> bytes:
+    """Of a place, as the folder of stage and key and the file's name have it, and what is written there."""
+    digest = hashlib.blake2b(
+        f"{path.parent.name}/{path.name}\n".encode(), digest_size=_DIGEST_BYTES
+    )
     for part in parts:
         digest.update(part)
     return digest.digest()

@@ -2,6 +2,7 @@
 
 import ctypes
 import hashlib
+import logging
 import os
 import sys
 import time
@@ -16,6 +17,7 @@ from planfit.errors import OutputError, require_positive
 from planfit.runtime.cache_chunks import (
     SUFFIX,
     Arrays,
+    DamagedChunk,
     StoredItem,
     TemporaryFolder,
     read_chunk,
@@ -23,6 +25,8 @@ from planfit.runtime.cache_chunks import (
 )
 from planfit.runtime.option_values import require_kinds
 from planfit.runtime.threads import blas_on_one_thread
+
+log = logging.getLogger(__name__)
 
 Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
@@ -128,15 +132,24 @@ class Runtime:
                 for item, at in zip(items, located, strict=True)
             ]
 
-        missing = []
+        missing, n_damaged = [], 0
         for start in starts:
-            path = path_of(start)
-            found = read_chunk(path, min(chunk_size, n_items - start), stored) if path else None
+            path, found = path_of(start), None
+            try:
+                if path:
+                    found = read_chunk(path, min(chunk_size, n_items - start), stored)
+            except DamagedChunk:
+                n_damaged += 1
             if found is None:
                 missing.append(start)
             else:
                 chunks[start] = found
                 done += len(found)
+        if n_damaged:
+            log.warning(
+                "%s: expected files as %s left them, found %d of %d damaged or exchanged; these are redone",
+                folder, stage, n_damaged, len(starts),
+            )  # fmt: skip
         self.report(stage, done, n_items)
         pool = ThreadPoolExecutor(self.workers)
         # Set here and not in the workers: the limit is the process's, and they would undo each other's.

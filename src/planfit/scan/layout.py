@@ -17,7 +17,7 @@ from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video, VideoImages
 from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
-from planfit.scan.source import FileSource
+from planfit.scan.source import FileSource, FolderSource, fingerprint
 from planfit.scan.tables import has_part
 from planfit.scan.types import ScanOptions
 
@@ -171,6 +171,7 @@ class FolderLayout(ScanFormat, Generic[T]):
         has_plan = self.floorplan and source.exists(self.floorplan)
         is_stated = options.depth_scale is not None or not self.can_scale_depth
         is_stated |= self.states_depth_unit(listing)
+        files = list(dict.fromkeys((*listing.tables, *images.files(listing.frames))))
 
         def write_poses(
             directory: Path, written: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
@@ -186,16 +187,14 @@ class FolderLayout(ScanFormat, Generic[T]):
             depth_lens=self.depth_lens(listing) if self.depth_lens else None,
             color_from_depth=self.color_from_depth(listing) if self.color_from_depth else None,
             write_poses=write_poses,
-            fingerprint=images.fingerprint(
-                listing.tables, listing.frames, *read_options, *listing.fingerprinted
-            ),
+            fingerprint=fingerprint(images.source, files, *read_options, *listing.fingerprinted),
             labels=self.labels(listing) if self.labels else None,
             up_world=self.up_world,
             plan_from_world_axes=self.plan_from_world_axes,
             floorplan_path=source.locate(self.floorplan) if has_plan else None,
             depth_read_in_m=None if is_stated else images.metres_per_unit,
             skipped=listing.skipped,
-            warnings=listing.warnings,
+            warnings=[*listing.warnings, *_linked(images.source, files)],
         )
 
     def _images(self, listing: Listing[T], options: ScanOptions) -> ImageFiles:
@@ -213,6 +212,17 @@ class FolderLayout(ScanFormat, Generic[T]):
             return VideoImages(**stored, video=listing.video)
         plain = ImageFiles(**stored)
         return self.images(plain, listing) if self.images else plain
+
+
+def _linked(source: FileSource, files: Sequence[str]) -> list[str]:
+    """That links lead out of the scan's folder, which its owner may have wanted, and nobody else."""
+    out = source.linked_out(files) if isinstance(source, FolderSource) else []
+    if not out:
+        return []
+    return [
+        f"{len(out)} of {len(files)} files are read outside of the scan's folder, where links lead ({out[0]} "
+        f"is {source.locate(out[0]).resolve()}): look whether they are of this scan"
+    ]
 
 
 def each_frame(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError
-from planfit.runtime import archive_of
+from planfit.runtime import archive_of, require_content
 from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import READERS, layouts, whole_files
 from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
@@ -113,6 +113,7 @@ def _check_path(path: Path) -> None:
         raise ScanError(
             f"{path}: expected the folder of a scan, cannot be opened ({error.strerror})"
         ) from error
+    require_content(path, ScanError, "the folder of a scan, or a file of one")
 
 
 def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:

@@ -12,12 +12,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol, runtime_checkable
 
 from planfit.errors import ScanError
-from planfit.runtime import archive_of
+from planfit.runtime import archive_of, leads_out, path_inside, require_content
 
 MAX_ENTRY_BYTES = 500_000_000
 """An archive's entry that unpacks to more is no image and no table."""
@@ -26,11 +26,14 @@ MAX_UNPACKED_BYTES = 16_000_000_000
 """No video of a scan is longer; an archive may claim anything."""
 
 HEAD_BYTES, TAIL_BYTES = 32_768, 4096
+MAX_NAME = 300
+"""Characters of a name that a message repeats; no file system knows longer ones."""
 
 
 @runtime_checkable
 class FileSource(Protocol):
-    """Files by name; names are relative, with forward slashes."""
+    """Files by name; names are relative, with forward slashes. One that leads elsewhere is refused, whoever
+    asks for it: lists of files name what they like."""
 
     @property
     def path(self) -> Path:
@@ -90,7 +93,7 @@ class FolderSource:
 
     def names(self, folder: str = "") -> list[str]:
         """See `FileSource`; broken and circular links are no files."""
-        inside = self.path / folder
+        inside = self._at(folder)
         if not inside.is_dir():
             return []
         return sorted(item.name for item in inside.iterdir() if item.is_file())
@@ -100,20 +103,28 @@ class FolderSource:
         return sorted(item.name for item in self.path.iterdir() if item.is_dir())
 
     def exists(self, name: str) -> bool:
-        """See `FileSource`."""
-        return (self.path / name).is_file()
+        """See `FileSource`.
+
+        Raises:
+            ScanError: no file can have this name, or it cannot be looked for.
+        """
+        path = self._at(name)
+        try:
+            return path.is_file()
+        except OSError as error:
+            raise _unreadable(path, error) from error
 
     def read(self, name: str) -> bytes:
         """See `FileSource`."""
-        path = self.path / name
+        path = self.on_disk(name)
         try:
             return path.read_bytes()
         except OSError as error:
-            raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
+            raise _unreadable(path, error) from error
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
         """See `FileSource`."""
-        path = self.path / name
+        path = self.on_disk(name)
         try:
             with path.open("rb") as file:
                 head = file.read(HEAD_BYTES)
@@ -121,19 +132,43 @@ class FolderSource:
                 file.seek(max(0, size - TAIL_BYTES))
                 return head, file.read()
         except OSError as error:
-            raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
+            raise _unreadable(path, error) from error
 
     def stamp(self, name: str) -> str:
         """See `FileSource`."""
-        return fingerprint_of_file(self.path / name)
+        return fingerprint_of_file(self._at(name))
 
     def locate(self, name: str) -> Path:
         """See `FileSource`."""
-        return self.path / name
+        return self._at(name)
 
     def on_disk(self, name: str) -> Path:
-        """See `FileSource`."""
-        return self.path / name
+        """See `FileSource`; no pipe, whose reader would wait."""
+        path = self._at(name)
+        require_content(path, ScanError, "a file")
+        return path
+
+    def linked_out(self, names: Iterable[str]) -> list[str]:
+        """Those that links lead out of the folder, or whose own folder they do."""
+        top = self.path.resolve()
+        is_out = cache(lambda path: not path.resolve().is_relative_to(top))
+        paths = ((name, self.path / name) for name in names)
+        return [n for n, p in paths if is_out(p.parent) or (p.is_symlink() and is_out(p))]
+
+    def _at(self, name: str) -> Path:
+        """Where a file of this name lies.
+
+        Raises:
+            ScanError: outside of the folder.
+        """
+        path = path_inside(self.path, name)
+        if path is None:
+            raise ScanError(
+                f"{self.path}: expected names of files inside this folder, found {name[:MAX_NAME]!r} in one "
+                "of its lists, which leads out of it; put that file inside and mend the list, or do not "
+                "trust this scan"
+            )
+        return path
 
 
 @dataclass(frozen=True)
@@ -166,10 +201,7 @@ class ZipSource:
                 "export or copy it again"
             ) from error
         for entry in archive.infolist():
-            parts = PurePosixPath(entry.filename.replace("\\", "/")).parts
-            is_outside = ".." in parts or entry.filename.startswith(("/", "\\"))
-            is_drive = bool(parts) and ":" in parts[0]
-            if is_outside or is_drive or stat.S_ISLNK(entry.external_attr >> 16):
+            if leads_out(entry.filename) or stat.S_ISLNK(entry.external_attr >> 16):
                 archive.close()
                 raise ScanError(
                     f"{path}: expected files inside the archive, found {entry.filename!r}, which "
@@ -342,6 +374,11 @@ class PackedSource(ABC):
     def on_disk(self, name: str) -> Path:
         """See `FileSource`; no image of these formats needs it."""
         raise ScanError(f"{self.path}: expected {name} as a file, found it in a {self.kind}")
+
+
+def _unreadable(path: Path, error: OSError) -> ScanError:
+    why = error.strerror or str(error)
+    return ScanError(f"{path}: cannot be read ({why}); copy or export the scan again")
 
 
 def fingerprint_of_file(path: Path) -> str:

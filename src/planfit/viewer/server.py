@@ -9,12 +9,12 @@ import errno
 import hmac
 import json
 import math
+import re
 import secrets
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 from typing import Any
-from urllib.parse import urlsplit
 
 from planfit.errors import OptionError, PlanfitError, printable
 from planfit.runtime import whole_number
@@ -22,6 +22,7 @@ from planfit.viewer.session import Session, as_json, report_page
 
 HOST = "127.0.0.1"
 MAX_BODY = 1_000_000
+MAX_DIGITS = 18
 SCRIPTS = ("pick.js", "plan_map.js", "drag.js", "cloud.js", "panel.js")
 _POLICY = (
     "default-src 'none'; img-src 'self' data: blob:; style-src 'unsafe-inline'; "
@@ -122,13 +123,14 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _path(self) -> str | None:
         """What is asked for, behind the token; None where it was refused."""
-        host = f"{HOST}:{self.server.server_address[1]}"
-        origin = self.headers.get("Origin")
-        token, _, path = urlsplit(self.path).path.lstrip("/").partition("/")
+        port = self.server.server_address[1]
+        host, origin = self.headers.get("Host"), self.headers.get("Origin")
+        token, _, path = re.split("[?#]", self.path)[0].lstrip("/").partition("/")
         is_ours = hmac.compare_digest(token.encode(), self.server.token.encode())
-        # A name that leads here from elsewhere (DNS rebinding) stands in Host; a page of elsewhere in Origin.
-        is_here = self.headers.get("Host") in (host, host.replace(HOST, "localhost"))
-        if is_ours and is_here and origin in (None, f"http://{host}", "null"):
+        # A name that leads here from elsewhere (DNS rebinding) stands in Host; a page of elsewhere in Origin,
+        # as "null" where it is a file or hides who it is.
+        is_here = host in (f"{HOST}:{port}", f"localhost:{port}")
+        if is_ours and is_here and origin in (None, f"http://{host}"):
             return path
         self._send(403, b"open the address that planfit view printed", "text/plain")
         return None
@@ -142,11 +144,11 @@ class _Handler(BaseHTTPRequestHandler):
             self._send(400, b"expected JSON of at most 1 MB", "text/plain")
             return None
         try:
-            content = json.loads(self.rfile.read(length) or b"{}")
+            content = json.loads(self.rfile.read(length) or b"{}", parse_int=_integer)
         except (ValueError, RecursionError):
             content = None
         if not isinstance(content, dict):
-            self._send(400, b"expected a JSON object", "text/plain")
+            self._send(400, b"expected a JSON object of numbers below 1e18", "text/plain")
             return None
         return content
 
@@ -165,7 +167,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_header("Content-Type", kind)
             self.send_header("Content-Length", str(len(content)))
             self.send_header("Cache-Control", "no-store")
-            self.send_header("Referrer-Policy", "no-referrer")
+            # With no referrer at all, a browser may call the page's own origin "null".
+            self.send_header("Referrer-Policy", "same-origin")
             self.send_header("X-Content-Type-Options", "nosniff")
             if kind.startswith("text/html"):
                 self.send_header("Content-Security-Policy", _POLICY)
@@ -192,6 +195,17 @@ def page(report: bytes) -> bytes:
 
 def _read(name: str) -> str:
     return resources.files("planfit.viewer").joinpath("page", name).read_text("utf-8")
+
+
+def _integer(word: str) -> int:
+    """A whole number of JSON. One of hundreds of digits counts nothing here, and is no float.
+
+    Raises:
+        ValueError: it is longer than any that 64 bits hold.
+    """
+    if len(word) > MAX_DIGITS:
+        raise ValueError(f"a number of {len(word)} digits")
+    return int(word)
 
 
 def _word(body: dict[str, Any], key: str) -> str:

@@ -24,7 +24,7 @@ from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of, words_of
 from planfit.floorplan.vector.line_work import ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
-from planfit.floorplan.vector.regions import MAX_COORDINATE, faces_of_regions
+from planfit.floorplan.vector.regions import MAX_COORDINATE, SelfCrossings, faces_of_regions
 from planfit.geometry import segments
 from planfit.priors import BUILDING_USUAL_SIZE_M, WALL_FACES_APART_M
 
@@ -133,7 +133,9 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         return _plan_of_lines(path, fingerprint, options, areas, features, frame, source)
     if solid:
         faces = faces_of_regions(
-            shapely.union_all(solid), 0.005 * frame.likely_metre, 0.03 * frame.likely_metre
+            shapely.geometrycollections(solid),
+            0.005 * frame.likely_metre,
+            0.03 * frame.likely_metre,
         )
         ends, normals, thickness = faces.ends, faces.normals, faces.thickness
     else:
@@ -239,7 +241,8 @@ def _without_nested(features: list[_Feature]) -> list[_Feature]:
 
 def _source(features: _Features, frame: _Frame, kind: str) -> PlanSource:
     used = features.used
-    unused = [f.area for f in features.all if not any(f is u for u in used)]
+    taken = {id(feature) for feature in used}
+    unused = [f.area for f in features.all if id(f) not in taken]
     return PlanSource(
         kind=kind,
         unit=frame.unit,
@@ -331,7 +334,7 @@ def _parsed(path: Path, data: bytes) -> Any:
 def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
     if not isinstance(data, dict) or not isinstance(data.get("features", []), list):
         raise FloorplanError(f"{path}: expected a GeoJSON FeatureCollection, found other JSON")
-    found = []
+    found, crossings = [], SelfCrossings()
     for feature in data.get("features", [data]):
         try:
             area = shape(feature["geometry"])
@@ -353,7 +356,7 @@ def _features(path: Path, kind: str, data: Any) -> list[_Feature]:
             for key, value in properties.items()
             if isinstance(value, str | int | float) and value != ""
         }
-        found.append(_Feature(shapely.force_2d(shapely.make_valid(area)), named, scalars))
+        found.append(_Feature(shapely.force_2d(crossings.valid(area)), named, scalars))
     return found
 
 

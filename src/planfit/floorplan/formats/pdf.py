@@ -23,6 +23,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
 
 MIN_PARTS = 20
@@ -344,9 +345,10 @@ class _Clips:
 def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseGeometry:
     """Inside of an odd number of rings."""
     area: BaseGeometry = shapely.Polygon()
+    crossings = SelfCrossings()
     for ring in rings:
         shown = ring @ transform[:2, :2].T + transform[:2, 2]
-        area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(shown)))
+        area = shapely.symmetric_difference(area, crossings.valid(shapely.Polygon(shown)))
     return area
 
 

@@ -18,6 +18,7 @@ from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 from planfit.priors import DOOR_WIDTH_MOST_M
 
@@ -235,7 +236,7 @@ def _wall_of(hole: Surface, walls: list[Surface]) -> int | None:
 
 def _floor(path: Path, content: dict[str, Any], storey: int) -> BaseGeometry:
     """Area of the floors of a storey; empty where none has an outline."""
-    areas = []
+    areas, crossings = [], SelfCrossings()
     for number, item in enumerate(_listed(path, content, "floors")):
         try:
             if int(item.get("story") or 0) != storey:
@@ -244,7 +245,7 @@ def _floor(path: Path, content: dict[str, Any], storey: int) -> BaseGeometry:
             corners = np.array(item.get("polygonCorners") or [], dtype=float).reshape(-1, 3)
             world = corners @ matrix[:3, :3].T + matrix[:3, 3]
             if len(corners) >= 3 and np.isfinite(world).all():
-                areas.append(shapely.make_valid(shapely.Polygon(world[:, [0, 2]] * (1.0, -1.0))))
+                areas.append(crossings.valid(shapely.Polygon(world[:, [0, 2]] * (1.0, -1.0))))
         except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise FloorplanError(
                 f"{path}: expected a transform and corners in each of the floors, found number {number + 1} "

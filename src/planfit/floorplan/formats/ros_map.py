@@ -23,6 +23,7 @@ from planfit.floorplan.raster.picture import MIN_SIDE_PX
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
+from planfit.runtime import path_inside
 
 STRAY_CELLS = 1.5
 """Faces stray from the cells by so many: a robot's wall is rough by one."""
@@ -196,10 +197,11 @@ def _bare(text: str) -> str:
 
 
 def _picture_of(path: Path, name: str) -> Path:
-    """The picture beside the description; an absolute path of another machine leads to one beside it too."""
-    for candidate in (path.parent / name, path.parent / re.split(r"[/\\]", name)[-1]):
+    """The picture beside the description or in a folder there; of a name that leads elsewhere, as absolute
+    paths of the machine that made the map do, its last part."""
+    for candidate in (path_inside(path.parent, name), path.parent / re.split(r"[/\\]", name)[-1]):
         try:
-            if name and candidate.is_file():
+            if name and candidate and candidate.is_file():
                 return candidate
         except (OSError, ValueError):
             continue

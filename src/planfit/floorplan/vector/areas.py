@@ -14,6 +14,7 @@ from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
 from planfit.geometry import segments
 
@@ -207,6 +208,7 @@ def hatched_areas(
     tree = shapely.STRtree(middles)
     hatches = ends[is_hatch]
     areas: list[BaseGeometry] = []
+    crossings = SelfCrossings()
     starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
     for begin, end in itertools.pairwise(starts):
         if end - begin < 3:
@@ -215,7 +217,7 @@ def hatched_areas(
         steps = np.linalg.norm(ends[begin + 1 : end, 0] - ends[begin : end - 1, 1], axis=1)
         if max(np.linalg.norm(ring[0] - ring[-1]), steps.max()) > 1e-4 * extent:
             continue
-        area = shapely.make_valid(shapely.Polygon(ring))
+        area = crossings.valid(shapely.Polygon(ring))
         if area.area < (5e-3 * extent) ** 2:
             continue
         inside = tree.query(area, predicate="contains")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
+from jaxtyping import Bool, Int
 
 from planfit.floorplan.vector.arcs import arc_segments
 from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
@@ -13,6 +13,10 @@ from planfit.geometry import segments
 
 MOST_ALIKE = 4.0
 """A segment of a curve is at most so many times as long as the longer one of its neighbours."""
+
+MOST_TIMES = 50
+"""Of a line drawn so many times at one place, more are left out: no wall has as many outlines, and every pair
+of equal lines is looked at."""
 
 
 def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
@@ -37,15 +41,27 @@ def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
             (keys[:, 0] == keys[:, 2]) & (keys[:, 1] > keys[:, 3])
         )
         keys[is_reversed] = keys[is_reversed][:, [2, 3, 0, 1]]
-        _, first = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_index=True)
+        _, of = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_inverse=True)
         # They stay: outlines of neighbours share sides, and each is needed whole to be closed. Lines on
         # one another are one wall in `merge_collinear`.
-        if len(first) < len(lines):
-            notes.append(f"{_count(len(lines) - len(first), 'line')} drawn twice")
+        n_twice = len(lines) - int(of.max()) - 1
+        if n_twice:
+            notes.append(f"{_count(n_twice, 'line')} drawn twice")
+        lines = lines.take(_rank_among_equal(of.ravel()) < MOST_TIMES)
     lines = _simplified(lines)
     lines = lines.take(segments.lengths(lines.ends) > 0)
     lines = replace(lines, is_curved=lines.is_curved | curve_segments(lines) | arc_segments(lines))
     return replace(drawing, lines=lines), tuple(notes)
+
+
+def _rank_among_equal(of: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    """How many with the same number come before each."""
+    order = np.argsort(of, kind="stable")
+    is_first = np.diff(of[order], prepend=-1) != 0
+    places = np.arange(len(of))
+    rank = np.zeros(len(of), dtype=int)
+    rank[order] = places - np.maximum.accumulate(np.where(is_first, places, 0))
+    return rank
 
 
 def _simplified(lines: Lines) -> Lines:

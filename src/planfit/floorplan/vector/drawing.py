@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.stroke_fills import MANY, are_in_area, area_of_strokes
 from planfit.floorplan.vector.strokes import Pen, are_bodies, body_of_strokes
 
@@ -102,6 +103,7 @@ class DrawingBuilder:
         self.fills: list[Fill] = []
         self.texts: list[Text] = []
         self._covers: list[tuple[int, BaseGeometry]] = []
+        self._crossings = SelfCrossings()
 
     def layer(self, name: str) -> int:
         """Index of a layer, made when first met."""
@@ -152,7 +154,9 @@ class DrawingBuilder:
         area: BaseGeometry = shapely.Polygon()
         for ring in rings:
             if len(ring) >= 3 and np.isfinite(ring).all() and np.abs(ring).max() < ABSURD:
-                area = shapely.symmetric_difference(area, shapely.make_valid(shapely.Polygon(ring)))
+                area = shapely.symmetric_difference(
+                    area, self._crossings.valid(shapely.Polygon(ring))
+                )
         return area if self.clip is None else shapely.intersection(area, self.clip)
 
     def build(

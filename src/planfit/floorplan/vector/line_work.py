@@ -1,6 +1,7 @@
 """Geometry of line work: sets of segments (n, 2, 2), curves and outlines as segments."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 import scipy.sparse
@@ -9,7 +10,12 @@ from jaxtyping import Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.near_lines import possible_partners
+from planfit.floorplan.near_lines import (
+    MAX_PAIRS,
+    at_most,
+    in_blocks,
+    possible_partners,
+)
 from planfit.geometry import segments
 
 _PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
@@ -77,12 +83,13 @@ def _on_one_another(
     # Both ends of the shorter are that near to a line: only specks may lie across it.
     is_speck = length < 2.1 * tolerance / _PARALLEL_SINE
     specks, others = np.flatnonzero(is_speck), np.flatnonzero(~is_speck)
-    b, a = shapely.STRtree(lines).query(lines[specks], predicate="dwithin", distance=tolerance)
-    pairs = [(a, specks[b])]
-    pairs += [(others[a], others[b])
-              for a, b in possible_partners(ends[others], tolerance, _PARALLEL_SINE)]  # fmt: skip
+    of_specks = in_blocks(lines[specks], shapely.STRtree(lines), tolerance)
+    of_others = possible_partners(ends[others], tolerance, _PARALLEL_SINE)
+    pairs = chain(
+        ((a, specks[b]) for b, a in of_specks), ((others[a], others[b]) for a, b in of_others)
+    )
     found = [np.zeros((2, 0), dtype=int)]
-    for a, b in pairs:
+    for a, b in at_most(MAX_PAIRS, pairs, len(ends), f"with over {MAX_PAIRS} pairs side by side"):
         shorter = (length[b] < length[a]) | ((length[b] == length[a]) & (a < b))
         a, b = a[shorter], b[shorter]
         across = np.einsum("pei,pi->pe", ends[b] - ends[a, :1], segments.left_normals(ends[a]))

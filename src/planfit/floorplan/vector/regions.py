@@ -12,6 +12,8 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.near_lines import LineWorkTooDense, check_crossings, in_blocks
+from planfit.floorplan.vector.line_work import outlines
 from planfit.geometry import segments
 
 _SHORT_SHARE = 0.02
@@ -20,6 +22,36 @@ _MANY_CORNERS = 200
 """Of a wall that hangs together: with more, pieces of it are cut for each face, not the whole."""
 MAX_COORDINATE = 1e13
 """A quarter of the way round the Earth, in micrometres."""
+
+
+MAX_SELF_CROSSINGS = 4000
+"""Of the outlines of all areas of a file; those of real drawings cross themselves a few times."""
+
+
+class SelfCrossings:
+    """Makes areas of a file valid, whose outlines may cross themselves, as long as they do so less often than
+    any plan's: shapely takes 1 s for 1,000 crossings of one outline, and 9 s for 4,000."""
+
+    def __init__(self) -> None:
+        self._n = 0
+
+    def valid(self, area: BaseGeometry) -> BaseGeometry:
+        """The area as a valid one: what is inside an odd number of times.
+
+        Raises:
+            LineWorkTooDense: areas cross themselves too often, this one or all up to it.
+        """
+        if shapely.is_valid(area):
+            return area
+        ends = outlines([area])
+        lines = line_strings(ends)
+        for line, other in in_blocks(lines, shapely.STRtree(lines)):
+            # Each pair once, and none of a line and the next.
+            self._n += int((other > line + 1).sum())
+            if self._n > MAX_SELF_CROSSINGS:
+                found = f"around areas that cross themselves over {MAX_SELF_CROSSINGS} times"
+                raise LineWorkTooDense(len(ends), found)
+        return shapely.make_valid(area)
 
 
 @dataclass(frozen=True)
@@ -46,11 +78,14 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
     Raises:
         ValueError: coordinates are beyond what any building has in any unit; polygons so far apart in
             size keep GEOS busy for ever.
+        LineWorkTooDense: outlines cross more often than in any plan.
     """
     bounds = shapely.bounds(walls)
     if not walls.is_empty and not np.abs(bounds).max() < MAX_COORDINATE:
         raise ValueError(f"coordinates of up to {np.abs(bounds).max():.3g}")
-    solid = shapely.simplify(shapely.union_all(shapely.get_parts(walls)), tolerance)
+    parts = shapely.get_parts(walls)
+    check_crossings(outlines([walls]))
+    solid = shapely.simplify(shapely.union_all(parts), tolerance)
     rings = [
         # The wall to the left of every ring: outlines counter-clockwise, holes clockwise.
         np.asarray(ring.coords)[:, :2]

@@ -26,6 +26,7 @@ from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import WholeFile
 from planfit.scan.poses import check_recorded_pose, is_lost
 from planfit.scan.recording import Frame, Recording, Size
+from planfit.scan.source import fingerprint
 from planfit.scan.types import ScanOptions
 
 STALE = (
@@ -123,7 +124,7 @@ def read(source: DatabaseSource, options: ScanOptions) -> Recording:
         images=images,
         color_lens=lens,
         write_poses=write_poses,
-        fingerprint=images.fingerprint([], frames, options),
+        fingerprint=fingerprint(images.source, images.files(frames), options),
         skipped=skipped,
         warnings=warnings,
     )
@@ -249,24 +250,23 @@ def _write(source: DatabaseSource, path: Path, poses: dict[int, Float[np.ndarray
     """A copy of the database with these as its optimised poses; as odometry where it knows no others."""
     known = {number: pose for number, pose in sorted(poses.items()) if not is_lost(pose)}
     rows = np.array([pose[:3].ravel() for pose in known.values()], dtype="<f4")
-    copy = source.copy_to(path)
     columns = source.columns("Admin")
-    if "opt_poses" in columns:
-        ids = pack_matrix(np.array([list(known)], dtype="<i4"))
-        stale = "".join(f", {name} = NULL" for name in STALE if name in columns)
-        if not source.rows("SELECT 1 FROM Admin"):
+    is_empty = "opt_poses" in columns and not source.rows("SELECT 1 FROM Admin")
+    with source.copied_to(path) as copy:
+        if is_empty:
             copy.execute("INSERT INTO Admin (opt_ids) VALUES (NULL)")
-        copy.execute(
-            f"UPDATE Admin SET opt_ids = ?, opt_poses = ?{stale}",
-            (ids, pack_matrix(rows.reshape(1, -1))),
-        )
-    else:
-        copy.executemany(
-            "UPDATE Node SET pose = ? WHERE id = ?",
-            [(row.tobytes(), number) for row, number in zip(rows, known, strict=True)],
-        )
-    copy.commit()
-    copy.close()
+        if "opt_poses" in columns:
+            ids = pack_matrix(np.array([list(known)], dtype="<i4"))
+            stale = "".join(f", {name} = NULL" for name in STALE if name in columns)
+            copy.execute(
+                f"UPDATE Admin SET opt_ids = ?, opt_poses = ?{stale}",
+                (ids, pack_matrix(rows.reshape(1, -1))),
+            )
+        else:
+            copy.executemany(
+                "UPDATE Node SET pose = ? WHERE id = ?",
+                [(row.tobytes(), number) for row, number in zip(rows, known, strict=True)],
+            )
 
 
 RTABMAP = WholeFile(

@@ -18,7 +18,7 @@ from planfit.scan.images.lens import MAX_SIZE_PX, matrix_intrinsics
 from planfit.scan.layout import WholeFile
 from planfit.scan.poses import check_recorded_pose
 from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
-from planfit.scan.source import MAX_ENTRY_BYTES, PackedSource, fingerprint_of_file
+from planfit.scan.source import MAX_ENTRY_BYTES, PackedSource, fingerprint, fingerprint_of_file
 from planfit.scan.types import ScanOptions
 
 VERSION = 4
@@ -266,7 +266,7 @@ def read(source: SensSource, options: ScanOptions) -> Recording:
         depth_lens=pinhole_lens(depth, f"{where}, depth"),
         color_from_depth=color_from_depth,
         write_poses=NUMBERED_POSES.write_into,
-        fingerprint=images.fingerprint([], frames, options),
+        fingerprint=fingerprint(images.source, images.files(frames), options),
         warnings=_warnings(source),
     )
 

@@ -18,7 +18,7 @@ from planfit.scan.images.decode import (
     read_exr,
 )
 from planfit.scan.recording import Frame, Size
-from planfit.scan.source import FileSource, fingerprint
+from planfit.scan.source import FileSource
 
 
 @dataclass(frozen=True)
@@ -82,12 +82,10 @@ class ImageFiles:
             and self.source.exists(frame.confidence)
         )
 
-    def fingerprint(self, tables: Sequence[str], frames: Sequence[Frame], *parts: object) -> str:
-        """Changes when tables, images that are there, or other `parts` do."""
-        images = (name for f in frames for name in (f.color, f.depth, f.confidence) if name)
-        # Each name once: all frames of a video are in one file.
-        names = dict.fromkeys([*tables, *(name for name in images if self.source.exists(name))])
-        return fingerprint(self.source, names, *parts)
+    def files(self, frames: Sequence[Frame]) -> list[str]:
+        """Images that are there, each once: all frames of a video are in one file."""
+        named = (name for f in frames for name in (f.color, f.depth, f.confidence) if name)
+        return [name for name in dict.fromkeys(named) if self.source.exists(name)]
 
 
 def drop_unsure(

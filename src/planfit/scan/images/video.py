@@ -15,10 +15,15 @@ from planfit.errors import ScanError
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.recording import Frame, Size
 
-ALL_FRAMES = {"ignore_editlist": "1"}
-"""Option of FFmpeg's mp4 reader. Phones write edit lists: Stray Scanner counts the first frame as -1, before
-the session's start, which the list then hides. Players show one frame less than was recorded, and every
-frame that is shown is then taken for the one before it."""
+_CONTAINERS = "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm"
+"""By FFmpeg's names. It tells files by what they hold, and among others knows lists of files to open."""
+OPENING: dict[str, Any] = {
+    "options": {"ignore_editlist": "1", "format_whitelist": _CONTAINERS},
+    "metadata_errors": "replace",
+}
+"""Phones write edit lists: Stray Scanner counts the first frame as -1, before the session's start, which the
+list then hides. Players show one frame less than was recorded, and every frame that is shown is then taken
+for the one before it. What a video says of itself is not read, and may be in any letters."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Video:
         """
         av = _pyav()
         try:
-            with av.open(str(file or path), options=ALL_FRAMES) as container:
+            with av.open(str(file or path), **OPENING) as container:
                 stream = container.streams.video[0]
                 size = (stream.codec_context.width, stream.codec_context.height)
                 found = [
@@ -125,7 +130,7 @@ class Video:
         """Frames, as FFmpeg has them, from the key frame at `dts` on, in the order they are shown."""
         if "container" in state:
             state["container"].close()
-        container = av.open(str(self.file), options=ALL_FRAMES)
+        container = av.open(str(self.file), **OPENING)
         state.clear()
         state["container"] = container
         stream = container.streams.video[0]

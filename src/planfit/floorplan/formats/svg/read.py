@@ -43,6 +43,7 @@ from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
 from planfit.priors import PAPER_WIDTH_MOST_M
 
@@ -277,11 +278,12 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     own = (element.values.get("attributes") or {}).get(GROUP_TRANSFORM) or ""
     transform = Matrix(own) * Matrix(element.values.get("transform") or "")
     area: BaseGeometry = shapely.Polygon()
+    crossings = SelfCrossings()
     for shape in shapes if isinstance(shapes, list) else []:
         if isinstance(shape, Shape):
             for points, _ in _sub_paths(SvgPath(shape) * transform):
                 if len(points) >= 3:
-                    area = area.union(shapely.make_valid(shapely.Polygon(points)))
+                    area = area.union(crossings.valid(shapely.Polygon(points)))
     return None if area.is_empty else area
 
 
