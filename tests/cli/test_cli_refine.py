@@ -37,6 +37,28 @@ def test_every_file_of_the_outputs_page_is_written(finished: Path) -> None:
     assert set(FILES) <= expected | set(re.findall(r"`OUT/([^`/]+)`", of_refine))
 
 
+def test_who_stops_the_report_keeps_poses_and_numbers(
+    small_scan: Path, tmp_path: Path, brief: list[str], monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def interrupted(*_: object, **_how: object) -> None:
+        raise KeyboardInterrupt
+
+    words = ["refine", str(small_scan), "-o", str(tmp_path), *brief]
+    for stopped_in in ("sample_clouds", "make_report"):
+        monkeypatch.setattr(f"planfit.saving.{stopped_in}", interrupted)
+        assert run(words) == 130
+        assert "write poses" in capsys.readouterr().err
+        left = {path.name for path in tmp_path.iterdir() if path.name[0] != "."}
+        assert left == {*FILES, "overlay.png"} - {"control_points.csv"}
+        monkeypatch.undo()
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["verdict"]["outcome"] == "refined"
+    poses = (tmp_path / "trajectory.tum").read_bytes()
+    assert run(words) == 0
+    assert (tmp_path / "report.html").is_file()
+    assert (tmp_path / "trajectory.tum").read_bytes() == poses
+
+
 def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:
     before = read_scan(small_scan).world_from_cams
     _, truth = read_tum(small_scan / "groundtruth.tum")
