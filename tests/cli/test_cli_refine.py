@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import planfit
 from finding_records import check_findings
 from planfit.cli import run
+from planfit.compiled.making import COMPILING
 from planfit.evaluation import position_errors
 from planfit.export.write import FILES
 from planfit.findings import SCHEMA_VERSION
@@ -57,6 +58,22 @@ def test_who_stops_the_report_keeps_poses_and_numbers(
     assert run(words) == 0
     assert (tmp_path / "report.html").is_file()
     assert (tmp_path / "trajectory.tum").read_bytes() == poses
+
+
+@pytest.mark.parametrize("command", ["refine", "align", "calibrate"])
+def test_kernels_are_compiled_in_front_of_all_stages(
+    command: str, small_scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def stop(report) -> None:
+        report(COMPILING, 3, 74)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"planfit.cli.{command}.compile_what_is_not_ready", stop)
+    plan = {"align": [str(small_scan / "floorplan.npy")]}.get(command, [])
+    out = tmp_path / ("sensor.json" if command == "calibrate" else "out")
+    assert run([command, str(small_scan), *plan, "-o", str(out)]) == 130
+    told = [line for line in capsys.readouterr().err.splitlines() if "0:00:0" in line]
+    assert [COMPILING in line and "3/74" in line for line in told] == [True]
 
 
 def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from planfit.compiled import decorator, ready_files
+from planfit.compiled import decorator, making, ready_files
 from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
 from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_ready
@@ -34,6 +34,7 @@ def tripled(numbers: np.ndarray) -> np.ndarray:
 
 
 LINE = f"{__name__}.doubled float64[1,C]"
+PLAIN_DOUBLED = doubled
 
 
 @pytest.fixture
@@ -75,6 +76,24 @@ def test_what_is_not_ready_is_compiled(tmp_path, monkeypatch):
     empty = tmp_path / "nothing"
     assert usable(empty) == "none are here"
     assert compiled_and_result(monkeypatch, empty, tmp_path, doubled) == (1, [2.0, 4.0])
+
+
+def test_what_is_not_ready_is_compiled_once_and_told(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.setattr(making, "listed_lines", lambda: [LINE])
+    monkeypatch.setattr(decorator, "ready_here", lambda: "none are here")
+    told: list[tuple[str, int, int]] = []
+
+    def in_a_run(ready: Ready | str) -> list[tuple[str, int, int]]:
+        told.clear()
+        monkeypatch.setattr(making, "ready_here", lambda: ready)
+        monkeypatch.setattr(sys.modules[__name__], "doubled", kernel(PLAIN_DOUBLED))
+        making.compile_what_is_not_ready(lambda *what: told.append(what))
+        return list(told)
+
+    assert in_a_run(usable(folder)) == []
+    assert in_a_run("none are here") == [(making.COMPILING, 0, 1), (making.COMPILING, 1, 1)]
+    assert in_a_run("none are here") == []  # numba has kept it
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from planfit.cli.arguments import SurveyFlags
 from planfit.cli.console import SHOWN_FROM_S, StageBars, err, note, out, table, tell_scan
 from planfit.cli.refine_inputs import RefineArguments as RefineArguments
 from planfit.cli.refine_inputs import read_plan, read_scans
+from planfit.compiled.making import compile_what_is_not_ready
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
 from planfit.errors import require
 from planfit.findings import frame_ranges
@@ -166,6 +167,7 @@ def _solved_into(
     inputs = replace(inputs, made=provenance_now(out.speech.command))
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, inputs.cache or run.cache_dir, bars.update)
+        compile_what_is_not_ready(runtime.report)
         result = solve(runtime)
         write_run(run, inputs, result, runtime, truth_of(result) if truth_of else None)
     return result

@@ -1,4 +1,5 @@
-"""Compile the listed kernels ahead of their first call: for `planfit doctor --compile`, and for wheels.
+"""Compile the listed kernels ahead of their first call: for `planfit doctor --compile`, for wheels, and in
+front of a first run without either.
 
 `python -m planfit.compiled.making FOLDER < LINES` compiles the kernels of some lines; `make_ready` starts it.
 """
@@ -6,25 +7,67 @@
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from importlib.metadata import distribution
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
-from numba.core import serialize
+import numba
+from numba import types
+from numba.core import event, serialize
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
 from planfit.compiled import decorator
-from planfit.compiled.decorator import set_cache, settings_of_the_level, what_is_here
+from planfit.compiled.decorator import ready_here, set_cache, settings_of_the_level, what_is_here
 from planfit.compiled.ready_files import Ready, read_ready, write_ready
 from planfit.compiled.signatures import listed_lines, parse_line
 from planfit.errors import OutputError
 
+COMPILING = "compiling once, about half a minute"
+"""What progress calls it."""
 _MAX_PROCESSES = 4
 """Each takes 300 MB."""
+
+
+def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> None:
+    """Compile the listed kernels in this process, so that it happens in no stage of a run; numba keeps them.
+
+    Nothing is done where the package has them ready, and nothing is said where numba has kept all.
+
+    Args:
+        report: told `COMPILING`, how many are compiled, and of how many.
+    """
+    if isinstance(ready_here(), Ready) or numba.config.DISABLE_JIT:
+        return
+    telling, lines = _Telling(report), listed_lines()
+    with event.install_listener("numba:compile", telling):
+        for done, line in enumerate(lines):
+            telling.done, telling.total = done, len(lines)
+            dispatcher, signature = _dispatcher_of(line)
+            dispatcher.compile(signature)
+    if telling.has_told:
+        report(COMPILING, len(lines), len(lines))
+
+
+class _Telling(event.Listener):
+    """Tells how far it is when numba begins to compile."""
+
+    def __init__(self, report: Callable[[str, int, int], None]) -> None:
+        self._report = report
+        self.done = self.total = 0
+        self.has_told = False
+
+    def on_start(self, event: object) -> None:  # noqa: ARG002
+        """Something is compiled, by itself or for what calls it."""
+        self.has_told = True
+        self._report(COMPILING, self.done, self.total)
+
+    def on_end(self, event: object) -> None:
+        """It is."""
 
 
 def make_ready(folder: Path, lines: Sequence[str] | None = None) -> Ready:
@@ -111,14 +154,24 @@ def compiled_blob(line: str) -> bytes:
     Raises:
         ValueError: the line names no kernel.
     """
+    dispatcher, signature = _dispatcher_of(line)
+    set_cache(dispatcher, NullCache())  # compiled here and now, whatever is kept
+    dispatcher.compile(signature)
+    return serialize.dumps(dispatcher.overloads[signature]._reduce())
+
+
+def _dispatcher_of(line: str) -> tuple[Any, tuple[types.Type, ...]]:
+    """The kernel of a line, and types of its arguments.
+
+    Raises:
+        ValueError: the line names no kernel.
+    """
     name, signature = parse_line(line)
     module, _, function = name.rpartition(".")
     dispatcher = getattr(import_module(module), function, None)
     if not isinstance(dispatcher, Dispatcher):
         raise ValueError(f"{line!r}: expected a kernel, found no {function} in {module}")
-    set_cache(dispatcher, NullCache())  # compiled here and now, whatever is kept
-    dispatcher.compile(signature)
-    return serialize.dumps(dispatcher.overloads[signature]._reduce())
+    return dispatcher, signature
 
 
 def wheel_tag() -> str:
