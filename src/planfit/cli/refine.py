@@ -28,6 +28,7 @@ from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, write_run
 from planfit.scan import Scan
+from planfit.scan.decoded_once import decoded_once
 from planfit.scan.joined import short_names
 from planfit.survey import RoleResiduals, Survey, SurveyResiduals
 
@@ -113,9 +114,10 @@ def _refine_together_files(arguments: RefineArguments) -> TogetherResult:
     )  # fmt: skip
 
     def solve(runtime: Runtime) -> TogetherResult:
-        return refine_together(scans, floorplan, options, runtime)
+        return refine_together(kept, floorplan, options, runtime)
 
-    result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
+    with decoded_once(scans) as kept:
+        result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
     summarise_together(arguments.out, result, time.perf_counter() - begin)
     return result
 
@@ -152,7 +154,9 @@ def refine_into(
             without_contradicted=by_hand.without_contradicted,
         )
 
-    return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
+    with decoded_once([inputs.scan]) as (scan,):
+        inputs = replace(inputs, scan=scan)
+        return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
 
 
 def _solved_into(
