@@ -61,7 +61,8 @@ FILES: dict[str, Callable[[Path, Finished], object]] = {
     RECORD: _write_record,
 }
 """Files and folders of a run beside its clouds and pages, by name, in the order in which they are written;
-what each holds is said in docs/outputs.md. Control points are written where there are any, the others always."""
+what each holds is said in docs/outputs.md. Control points are written where there are any, the rest always.
+"""
 
 
 def write_results(folder: Path, scan: Scan, result: RefineResult, record: dict[str, Any]) -> None:
