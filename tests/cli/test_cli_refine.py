@@ -65,7 +65,7 @@ def test_kernels_are_compiled_in_front_of_all_stages(
     command: str, small_scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
 ) -> None:
     def stop(report) -> None:
-        report(COMPILING, 3, 74)
+        report(COMPILING, 0, 0)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(f"planfit.cli.{command}.compile_what_is_not_ready", stop)
@@ -73,7 +73,7 @@ def test_kernels_are_compiled_in_front_of_all_stages(
     out = tmp_path / ("sensor.json" if command == "calibrate" else "out")
     assert run([command, str(small_scan), *plan, "-o", str(out)]) == 130
     told = [line for line in capsys.readouterr().err.splitlines() if "0:00:0" in line]
-    assert [COMPILING in line and "3/74" in line for line in told] == [True]
+    assert [line.startswith(COMPILING) for line in told] == [True]
 
 
 def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:

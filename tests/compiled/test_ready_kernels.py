@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +35,6 @@ def tripled(numbers: np.ndarray) -> np.ndarray:
 
 
 LINE = f"{__name__}.doubled float64[1,C]"
-PLAIN_DOUBLED = doubled
 
 
 @pytest.fixture
@@ -79,20 +79,27 @@ def test_what_is_not_ready_is_compiled(tmp_path, monkeypatch):
 
 
 def test_what_is_not_ready_is_compiled_once_and_told(folder, tmp_path, monkeypatch):
+    ready = usable(folder)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
     monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path / "numba"))
-    monkeypatch.setattr(making, "listed_lines", lambda: [LINE])
+    monkeypatch.setenv(
+        "NUMBA_OPT", "2"
+    )  # nothing ready is for that, in a process of its own neither
     monkeypatch.setattr(decorator, "ready_here", lambda: "none are here")
-    told: list[tuple[str, int, int]] = []
+    monkeypatch.setattr(decorator, "_decorated", set())
+    monkeypatch.setattr(making, "listed_lines", lambda: [PLAIN])
+    module = import_module("planfit.matching.pair_kernels")
+    function = module.take_within_budget.py_func
 
     def in_a_run(ready: Ready | str) -> list[tuple[str, int, int]]:
-        told.clear()
+        told: list[tuple[str, int, int]] = []
         monkeypatch.setattr(making, "ready_here", lambda: ready)
-        monkeypatch.setattr(sys.modules[__name__], "doubled", kernel(PLAIN_DOUBLED))
+        monkeypatch.setattr(module, "take_within_budget", kernel(function))
         making.compile_what_is_not_ready(lambda *what: told.append(what))
-        return list(told)
+        return told
 
-    assert in_a_run(usable(folder)) == []
-    assert in_a_run("none are here") == [(making.COMPILING, 0, 1), (making.COMPILING, 1, 1)]
+    assert in_a_run(ready) == []
+    assert in_a_run("none are here") == [(making.COMPILING, 0, 0), (making.COMPILING, 1, 0)]
     assert in_a_run("none are here") == []  # numba has kept it
 
 
