@@ -60,6 +60,11 @@ def test_images_are_decoded_once_while_the_context_lasts(scan):
     assert len(scan.files.decoded) == 4 + 1 + 3
 
 
+def test_poses_stay_as_they_are_to_the_bit(scan):
+    with decoded_once([scan]) as (kept,):
+        assert kept.world_from_cams is scan.world_from_cams
+
+
 def test_scans_are_kept_apart(scan):
     other = replace(scan, files=Counted())
     with decoded_once([scan, other]) as kept:

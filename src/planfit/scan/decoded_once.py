@@ -3,7 +3,8 @@
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass
 from io import FileIO
 from threading import Lock
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from planfit.scan.types import Scan
+from planfit.scan.types import Scan, ScanFiles
 from planfit.scan.views import FilesView
 
 MAX_KEPT_BYTES = 512 * 2**20
@@ -28,11 +29,16 @@ def decoded_once(scans: Sequence[Scan]) -> Iterator[list[Scan]]:
     with tempfile.TemporaryFile(buffering=0, prefix="planfit-") as file:
         kept = _Kept(file)
         try:
-            yield [
-                replace(one, files=_KeptFiles(one.files, kept, k)) for k, one in enumerate(scans)
-            ]
+            yield [_seen(one, _KeptFiles(one.files, kept, k)) for k, one in enumerate(scans)]
         finally:
             kept.close()
+
+
+def _seen(scan: Scan, files: ScanFiles) -> Scan:
+    """The scan with other files; `replace` would make its poses exact once more, and move them by a bit."""
+    seen = copy(scan)
+    object.__setattr__(seen, "files", files)
+    return seen
 
 
 class _Kept:
