@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from planfit.errors import OutputError
-from planfit.runtime.run_folder import RunFolder
+from planfit.runtime.run_folder import RunFolder, finished_record
 
 INPUTS = {"scan": "scan", "scan_fingerprint": "1", "plan": "plan.png"}
 OLD = ("run.json", "overlay.png", "covariances.npz", "poses/a.txt", "poses/b.txt")
@@ -21,9 +21,25 @@ OWN = {".planfit.json", ".planfit.lock"}
 
 def write_run(folder, files, inputs=INPUTS, overwrite=False):
     with RunFolder.claimed(folder, inputs, overwrite) as run, run.writing() as staging:
-        for name, text in files.items():
-            (staging / name).parent.mkdir(exist_ok=True)
-            (staging / name).write_text(text)
+        write_files(staging, files)
+
+
+def write_files(staging, files):
+    for name, text in files.items():
+        (staging / name).parent.mkdir(exist_ok=True)
+        (staging / name).write_text(text)
+
+
+def write_in_parts(folder, files):
+    """All but the report, then the report and a folder that is there already."""
+    rest = {"report.html": files["report.html"], "poses/c.txt": files["poses/c.txt"]}
+    first = {name: text for name, text in files.items() if name not in rest}
+    with RunFolder.claimed(folder, INPUTS, overwrite=False) as run:
+        with run.writing(to_come=["report.html"]) as staging:
+            write_files(staging, first)
+        with run.writing(has_begun=True) as staging:
+            shutil.copytree(folder / "poses", staging / "poses")
+            write_files(staging, rest)
 
 
 def contents(folder):
@@ -44,7 +60,30 @@ def test_a_run_replaces_all_of_the_run_before(tmp_path):
     assert contents(out) == SECOND | {"notes.txt": "mine"}
 
 
-def killed_at(step, folder, files):
+def test_the_first_part_of_results_stays_where_the_second_fails(tmp_path):
+    out = tmp_path / "out"
+    write_run(out, {**FIRST, "run.json": '{"of": "old"}', "report.html": "old"})
+    first = {"run.json": '{"of": "new"}', "poses/a.txt": "new"}
+    stopped = pytest.raises(KeyboardInterrupt)
+    with stopped, RunFolder.claimed(out, INPUTS, overwrite=False) as run:
+        with run.writing(to_come=["report.html"]) as staging:
+            write_files(staging, first)
+        assert contents(out) == first
+        with run.writing(has_begun=True) as staging:
+            write_files(staging, {"report.html": "half"})
+            raise KeyboardInterrupt
+    assert contents(out) == first
+    assert finished_record(out) is None
+    with RunFolder.claimed(out, INPUTS, overwrite=False):
+        pass
+    assert finished_record(out) is None
+    whole = SECOND | {"run.json": '{"of": "new"}'}
+    write_in_parts(out, whole)
+    assert contents(out) == whole
+    assert finished_record(out) == {"of": "new"}
+
+
+def killed_at(step, folder, files, write=write_run):
     """A process that dies before its `step`-th change in the folder; whether it came so far.
 
     Audit events come before each open for writing, rename, removal and new folder: before one is after the
@@ -69,7 +108,7 @@ def killed_at(step, folder, files):
 
     sys.addaudithook(count)
     try:
-        write_run(folder, files)
+        write(folder, files)
     finally:
         os._exit(0)
 
@@ -96,6 +135,27 @@ def test_whenever_a_process_dies_the_next_run_ends_as_if_it_had_not(tmp_path, be
         assert contents(out) == SECOND
         assert not list(out.glob(".ready")) + list(out.glob(".writing")) + list(out.glob("*.part"))
     assert deaths > 15
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")
+def test_whenever_a_process_dies_between_two_parts_no_run_is_called_finished_that_is_not(tmp_path):
+    out, deaths = tmp_path / "out", 0
+    second = SECOND | {"run.json": '{"of": "new"}'}
+    while True:
+        shutil.rmtree(out, ignore_errors=True)
+        write_run(out, FIRST | {"run.json": '{"of": "old"}'})
+        if not killed_at(deaths, out, second, write_in_parts):
+            break
+        deaths += 1
+        record = finished_record(out)  # puts what is ready in place
+        if record is not None:
+            whole = second if record["of"] == "new" else FIRST | {"run.json": '{"of": "old"}'}
+            left = {name: text for name, text in contents(out).items() if name[0] != "."}
+            assert left == whole
+        write_in_parts(out, second)
+        assert contents(out) == second
+        assert finished_record(out) == {"of": "new"}
+    assert deaths > 30
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are forked")

@@ -1,5 +1,6 @@
 """Everything that a run writes into its folder: poses, clouds, pictures, record, report (docs/outputs.md)."""
 
+import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from planfit.errors import OptionError
 from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
 from planfit.export.option_files import plain, scan_options_record, to_toml
 from planfit.export.record import make_record
-from planfit.export.write import write_results
+from planfit.export.write import write_clouds, write_results
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.depth_unit import in_unit
@@ -20,7 +21,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
 from planfit.report.html.page import make_report
 from planfit.report.key_metrics import TruthErrors
-from planfit.report.measures import CloudXY, measure
+from planfit.report.measures import BeforeAfter, CloudXY, measure
 from planfit.report.options import Provenance, ReportOptions, provenance_now
 from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
@@ -31,6 +32,7 @@ from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
+REPORT = "report.html"
 SCANS = "scans"
 """Folder of what is written of each of several scans."""
 VIEW_POINTS = 1_500_000
@@ -137,6 +139,9 @@ def write_run(
     """Write all that a run writes; of several scans what all came to, and into `scans/NAME` what a run of
     each alone writes, but its report.
 
+    Poses, numbers and the overlay first: they stay where what needs the images once more, clouds and report,
+    is interrupted or fails.
+
     Args:
         run: its folder.
         inputs: what it was given.
@@ -144,17 +149,27 @@ def write_run(
         runtime: threads and progress.
         errors: against true poses, where these are known, for the report.
     """
-    whole, more, stage = _whole(result), {}, "write results"
+    whole, more = _whole(result), {}
     if isinstance(result, TogetherResult):
         assert whole.made_of is not None
         inputs, more = replace(inputs, scan=whole.made_of.scan), _scans_record(result)
-    views = _result_views(inputs, whole, runtime)
-    with run.writing() as staging:
-        runtime.report(stage, 0, 0)
-        _write_whole(staging, inputs, whole, views, errors, more)
+    both = None if whole.floorplan is None else measure(whole.floorplan, whole)
+    runtime.report("write poses", 0, 0)
+    with run.writing(to_come=[REPORT]) as staging:
+        _write_numbers(staging, inputs, whole, both, more)
         if isinstance(result, TogetherResult):
-            _write_scans(staging / SCANS, inputs, result, views.cloud, run.cache_dir)
-    runtime.report(stage, 1, 0)
+            _write_scans(staging / SCANS, inputs, result, run.cache_dir)
+    runtime.report("write poses", 1, 0)
+    views = _result_views(inputs, whole, runtime)
+    runtime.report("write report", 0, 0)
+    with run.writing(has_begun=True) as staging:
+        _write_views(staging, inputs, whole, both, views, errors)
+        if isinstance(result, TogetherResult):
+            shutil.copytree(run.path / SCANS, staging / SCANS)
+            placed = [each.result for each in result.scans if each.result is not None]
+            for own, each in zip(whole.scans, placed, strict=True):
+                write_clouds(staging / SCANS / own.name, each, views.cloud.of_frames(own.frames))
+    runtime.report("write report", 1, 0)
 
 
 def _whole(result: RefineResult | TogetherResult) -> RefineResult:
@@ -162,43 +177,60 @@ def _whole(result: RefineResult | TogetherResult) -> RefineResult:
     return result.together if isinstance(result, TogetherResult) else result
 
 
-def _write_whole(
+def _write_numbers(
     staging: Path,
     inputs: RunInputs,
     result: RefineResult,
-    views: RunViews,
-    errors: TruthErrors | None,
+    both: BeforeAfter | None,
     more: dict[str, Any],
 ) -> None:
-    """All files of one result, into an empty folder; `more` stands at the end of its record."""
+    """What is known of one result without its images, into an empty folder; `more` stands at the end of its
+    record."""
     record = _record(inputs, result, inputs.cache) | {"report_options": plain(inputs.report)}
     record |= {"made": asdict(inputs.made), **more}
-    write_results(staging, inputs.scan, result, record, views.cloud)
-    both = measure(result.floorplan, result, _seen_from_above(views.cloud, result))
-    for name, overlay in draw_overlays(result, both).items():
-        (staging / name).write_bytes(overlay)
+    write_results(staging, inputs.scan, result, record)
+    if both is not None:
+        _write_overlays(staging, result, both)
+
+
+def _write_views(
+    staging: Path,
+    inputs: RunInputs,
+    result: RefineResult,
+    both: BeforeAfter | None,
+    views: RunViews,
+    errors: TruthErrors | None,
+) -> None:
+    """The rest of one result. Without a plan, the overlay shows the cloud."""
+    write_clouds(staging, result, views.cloud)
+    if both is None:
+        both = measure(None, result, _seen_from_above(views.cloud, result))
+        _write_overlays(staging, result, both)
     if views.as_built is not None:
         write_as_built(staging / AS_BUILT, views.as_built)
     text, shown = to_toml(inputs.options), (both, views.scene, views.as_built)
     report = make_report(
         inputs.scan.name, result.floorplan, result, text, errors, *shown, inputs.made
     )
-    (staging / "report.html").write_text(report, encoding="utf-8")
+    (staging / REPORT).write_text(report, encoding="utf-8")
 
 
-def _write_scans(
-    folder: Path, inputs: RunInputs, result: TogetherResult, cloud: Cloud, cache_dir: Path
-) -> None:
-    """Files of each scan that has a place."""
-    placed = [each for each in result.scans if each.result is not None]
-    for each, own in zip(placed, result.together.scans, strict=True):
-        assert each.result is not None
+def _write_overlays(staging: Path, result: RefineResult, both: BeforeAfter) -> None:
+    for name, overlay in draw_overlays(result, both).items():
+        (staging / name).write_bytes(overlay)
+
+
+def _write_scans(folder: Path, inputs: RunInputs, result: TogetherResult, cache_dir: Path) -> None:
+    """Files of each scan that has a place, but its clouds."""
+    for each in result.scans:
+        if each.result is None:
+            continue
         target, floorplan = folder / each.name, each.result.floorplan
         target.mkdir(parents=True)
         alone = RunInputs(each.scan, inputs.floorplan, inputs.options, inputs.scan_options)
         record = _record(alone, each.result, inputs.cache or cache_dir)
         record["made"] = asdict(inputs.made)
-        write_results(target, each.scan, each.result, record, cloud.of_frames(own.frames))
+        write_results(target, each.scan, each.result, record)
         overlay = draw_overlay(floorplan, measure(floorplan, each.result))
         (target / "overlay.png").write_bytes(overlay)
 

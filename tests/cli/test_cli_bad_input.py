@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from planfit.cli import run
+from planfit.export.write import FILES
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -132,13 +133,16 @@ def test_full_disk_leaves_nothing_half_written(
     def full(path: Path, *_: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
 
-    monkeypatch.setattr("planfit.export.write.write_ply", full)
-    assert run(["refine", str(small_scan), "-o", str(out)]) == 2
-    message = capsys.readouterr().err.splitlines()[-1]
-    assert "No space left on device" in message
-    assert "free disk space" in message
-    assert {path.name for path in out.iterdir()} == {"cache", ".planfit.json", ".planfit.lock"}
-    monkeypatch.undo()
+    own = {"cache", ".planfit.json", ".planfit.lock"}
+    numbers = {*FILES, "overlay.png"} - {"control_points.csv"}
+    for fails, left in (("write_sigmas", own), ("write_ply", own | numbers)):
+        monkeypatch.setattr(f"planfit.export.write.{fails}", full)
+        assert run(["refine", str(small_scan), "-o", str(out)]) == 2
+        message = capsys.readouterr().err.splitlines()[-1]
+        assert "No space left on device" in message
+        assert "free disk space" in message
+        assert {path.name for path in out.iterdir()} == left
+        monkeypatch.undo()
     assert run(["refine", str(small_scan), "-o", str(out), "--report.no-has-view"]) == 0
 
 

@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose
 import planfit
 from finding_records import check_findings
 from planfit.cli import run
+from planfit.compiled.making import COMPILING
 from planfit.evaluation import position_errors
 from planfit.export.write import FILES
 from planfit.findings import SCHEMA_VERSION
@@ -35,6 +36,44 @@ def test_every_file_of_the_outputs_page_is_written(finished: Path) -> None:
     expected = {name.rstrip("/") for pair in names for name in pair if name}
     assert expected == {path.name for path in finished.iterdir()}
     assert set(FILES) <= expected | set(re.findall(r"`OUT/([^`/]+)`", of_refine))
+
+
+def test_who_stops_the_report_keeps_poses_and_numbers(
+    small_scan: Path, tmp_path: Path, brief: list[str], monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def interrupted(*_: object, **_how: object) -> None:
+        raise KeyboardInterrupt
+
+    words = ["refine", str(small_scan), "-o", str(tmp_path), *brief]
+    for stopped_in in ("sample_clouds", "make_report"):
+        monkeypatch.setattr(f"planfit.saving.{stopped_in}", interrupted)
+        assert run(words) == 130
+        assert "write poses" in capsys.readouterr().err
+        left = {path.name for path in tmp_path.iterdir() if path.name[0] != "."}
+        assert left == {*FILES, "overlay.png"} - {"control_points.csv"}
+        monkeypatch.undo()
+    record = json.loads((tmp_path / "run.json").read_text())
+    assert record["verdict"]["outcome"] == "refined"
+    poses = (tmp_path / "trajectory.tum").read_bytes()
+    assert run(words) == 0
+    assert (tmp_path / "report.html").is_file()
+    assert (tmp_path / "trajectory.tum").read_bytes() == poses
+
+
+@pytest.mark.parametrize("command", ["refine", "align", "calibrate"])
+def test_kernels_are_compiled_in_front_of_all_stages(
+    command: str, small_scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
+    def stop(report) -> None:
+        report(COMPILING, 0, 0)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(f"planfit.cli.{command}.compile_what_is_not_ready", stop)
+    plan = {"align": [str(small_scan / "floorplan.npy")]}.get(command, [])
+    out = tmp_path / ("sensor.json" if command == "calibrate" else "out")
+    assert run([command, str(small_scan), *plan, "-o", str(out)]) == 130
+    told = [line for line in capsys.readouterr().err.splitlines() if "0:00:0" in line]
+    assert [line.startswith(COMPILING) for line in told] == [True]
 
 
 def test_refined_poses_are_far_nearer_to_the_truth(finished: Path, small_scan: Path) -> None:

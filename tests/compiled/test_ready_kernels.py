@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
-from planfit.compiled import decorator, ready_files
+from planfit.compiled import decorator, making, ready_files
 from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
 from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_ready
@@ -75,6 +76,31 @@ def test_what_is_not_ready_is_compiled(tmp_path, monkeypatch):
     empty = tmp_path / "nothing"
     assert usable(empty) == "none are here"
     assert compiled_and_result(monkeypatch, empty, tmp_path, doubled) == (1, [2.0, 4.0])
+
+
+def test_what_is_not_ready_is_compiled_once_and_told(folder, tmp_path, monkeypatch):
+    ready = usable(folder)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.setattr("numba.core.config.CACHE_DIR", str(tmp_path / "numba"))
+    monkeypatch.setenv(
+        "NUMBA_OPT", "2"
+    )  # nothing ready is for that, in a process of its own neither
+    monkeypatch.setattr(decorator, "ready_here", lambda: "none are here")
+    monkeypatch.setattr(decorator, "_decorated", set())
+    monkeypatch.setattr(making, "listed_lines", lambda: [PLAIN])
+    module = import_module("planfit.matching.pair_kernels")
+    function = module.take_within_budget.py_func
+
+    def in_a_run(ready: Ready | str) -> list[tuple[str, int, int]]:
+        told: list[tuple[str, int, int]] = []
+        monkeypatch.setattr(making, "ready_here", lambda: ready)
+        monkeypatch.setattr(module, "take_within_budget", kernel(function))
+        making.compile_what_is_not_ready(lambda *what: told.append(what))
+        return told
+
+    assert in_a_run(ready) == []
+    assert in_a_run("none are here") == [(making.COMPILING, 0, 0), (making.COMPILING, 1, 0)]
+    assert in_a_run("none are here") == []  # numba has kept it
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,38 @@ def test_half_a_turn(axis):
     assert_allclose(np.abs(found / np.pi), np.abs(axis), atol=1e-7)
 
 
+@pytest.mark.parametrize("angle", [0, 1e-12, 1e-8, 9e-4, 1.1e-3, 1, 3, np.pi - 1e-4, np.pi - 1e-7])
+@pytest.mark.parametrize("off", [0, 1e-13, 1e-9, 1e-3])
+def test_log_is_scipys(rng, angle, off):
+    # Rotations to rounding, and matrices for which the nearest ones stand.
+    axes = rng.normal(size=(5, 40, 3))
+    matrices = se3.exp_so3(angle * axes / np.linalg.norm(axes, axis=-1, keepdims=True))
+    matrices += off * rng.normal(size=matrices.shape)
+    expected = Rotation.from_matrix(matrices.reshape(-1, 3, 3)).as_rotvec()
+    assert_allclose(se3.log_so3(matrices).reshape(-1, 3), expected, rtol=1e-14, atol=1e-18)
+    assert_allclose(se3.log_so3(matrices[0, 0]), expected[0], rtol=1e-14, atol=1e-18)
+
+
+def test_log_takes_any_layout_of_memory(rng):
+    poses = random_transforms(rng, 6)
+    back = np.swapaxes(poses[:, :3, :3], 1, 2)
+    assert_array_equal(se3.log_so3(back), se3.log_so3(back.copy()))
+    fixed_poses = poses[:, :3, :3].copy()
+    fixed_poses.flags.writeable = False
+    assert_array_equal(se3.log_so3(fixed_poses), se3.log_so3(poses[:, :3, :3]))
+
+
+@pytest.mark.parametrize("matrix", [-np.eye(3), np.diag([1.0, 1, -1]), np.zeros((3, 3))])
+def test_log_refuses_what_is_no_rotation(matrix):
+    with pytest.raises(ValueError, match="left-handed or a flat"):
+        se3.log_so3(np.stack([np.eye(3), matrix]))
+
+
+def test_log_of_what_is_no_number_is_an_error():
+    with np.errstate(invalid="ignore"), pytest.raises(np.linalg.LinAlgError):
+        se3.log_so3(np.full((2, 3, 3), np.nan))
+
+
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-12, 9.999e-5, 1.0001e-4, 1e-3])
 def test_exp_near_zero_is_its_series(size):
     vector = size * np.array([0.6, -0.8, 0.0])

@@ -19,6 +19,7 @@ from planfit.alignment import (
 )
 from planfit.cli.arguments import AlignmentFlags, Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
+from planfit.compiled.making import compile_what_is_not_ready
 from planfit.findings import SCHEMA_VERSION, Finding, finding_record, sentences_of
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
@@ -66,6 +67,7 @@ def align_command(arguments: AlignArguments) -> int:
         StageBars() as bars,
     ):
         runtime = Runtime(arguments.workers, arguments.cache or run.cache_dir, bars.update)
+        compile_what_is_not_ready(runtime.report)
         found = align(scan, floorplan, options, runtime)
         alignment, walls = found.alignment, found.walls
         pictures = _write(run.path, floorplan, walls, alignment)

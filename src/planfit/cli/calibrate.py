@@ -9,6 +9,7 @@ import tyro
 from planfit.adjust.calibration import SHARED
 from planfit.cli.arguments import Flat, Out, PlanFlags
 from planfit.cli.console import StageBars, note, out, table, tell_scan
+from planfit.compiled.making import compile_what_is_not_ready
 from planfit.errors import OutputError, require
 from planfit.floorplan import read_floorplan
 from planfit.geometry.calibration import PARAMETERS
@@ -56,6 +57,7 @@ def calibrate_command(arguments: CalibrateArguments) -> int:
     if arguments.plan is not None:
         floorplan = read_floorplan(arguments.plan, arguments.plan_flags.options)
     with StageBars() as bars:
+        compile_what_is_not_ready(bars.update)
         found = calibrate(scan, floorplan, options, Runtime(arguments.workers, None, bars.update))
     sigmas = {name: float(found.sigmas[SHARED.index(name)]) for name in PARAMETERS}
     write_calibration(target, found.sensor, sigmas, scan.cameras[0])

@@ -10,6 +10,7 @@ from planfit.cli.arguments import SurveyFlags
 from planfit.cli.console import SHOWN_FROM_S, StageBars, err, note, out, table, tell_scan
 from planfit.cli.refine_inputs import RefineArguments as RefineArguments
 from planfit.cli.refine_inputs import read_plan, read_scans
+from planfit.compiled.making import compile_what_is_not_ready
 from planfit.corrections import NO_CORRECTIONS, Corrections, read_corrections
 from planfit.errors import require
 from planfit.findings import frame_ranges
@@ -27,6 +28,7 @@ from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, write_run
 from planfit.scan import Scan
+from planfit.scan.decoded_once import decoded_once
 from planfit.scan.joined import short_names
 from planfit.survey import RoleResiduals, Survey, SurveyResiduals
 
@@ -112,9 +114,10 @@ def _refine_together_files(arguments: RefineArguments) -> TogetherResult:
     )  # fmt: skip
 
     def solve(runtime: Runtime) -> TogetherResult:
-        return refine_together(scans, floorplan, options, runtime)
+        return refine_together(kept, floorplan, options, runtime)
 
-    result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
+    with decoded_once(scans) as kept:
+        result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
     summarise_together(arguments.out, result, time.perf_counter() - begin)
     return result
 
@@ -151,7 +154,9 @@ def refine_into(
             without_contradicted=by_hand.without_contradicted,
         )
 
-    return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
+    with decoded_once([inputs.scan]) as (scan,):
+        inputs = replace(inputs, scan=scan)
+        return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
 
 
 def _solved_into(
@@ -166,6 +171,7 @@ def _solved_into(
     inputs = replace(inputs, made=provenance_now(out.speech.command))
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, inputs.cache or run.cache_dir, bars.update)
+        compile_what_is_not_ready(runtime.report)
         result = solve(runtime)
         write_run(run, inputs, result, runtime, truth_of(result) if truth_of else None)
     return result

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
@@ -45,6 +44,8 @@ def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
     Raises:
         ScanError: the file is missing, of no known format, or empty.
     """
+    import trimesh  # a tenth of what all commands would take to start
+
     if not path.exists():
         raise ScanError(f"{path}: expected a true scan (PLY, OBJ), found nothing; check the path")
     try:

@@ -28,16 +28,11 @@ class Finished:
     result: RefineResult
     record: dict[str, Any]
     """What `run.json` says."""
-    cloud: Cloud
 
 
 def _write_poses(path: Path, run: Finished) -> None:
     path.mkdir()
     run.scan.files.write_poses(path, run.result.world_from_cams)
-
-
-def _write_cloud(path: Path, run: Finished, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> None:
-    write_ply(path, place_cloud(run.cloud, plan_from_cams), run.cloud.colors)
 
 
 def _write_control_points(path: Path, run: Finished) -> None:
@@ -54,10 +49,6 @@ FILES: dict[str, Callable[[Path, Finished], object]] = {
     "trajectory.tum": lambda path, run: write_tum(
         path, run.scan.timestamps, run.result.plan_from_cams
     ),
-    "cloud_before.ply": lambda path, run: _write_cloud(
-        path, run, run.result.initial_plan_from_cams
-    ),
-    "cloud_after.ply": lambda path, run: _write_cloud(path, run, run.result.plan_from_cams),
     MATCHES: lambda path, run: write_matches(path, run.result.matches),
     "trajectory_sigma.csv": lambda path, run: write_sigmas(
         path, run.scan, run.result.evidence.pose_covariances, run.result.solved_frame_idx
@@ -69,21 +60,33 @@ FILES: dict[str, Callable[[Path, Finished], object]] = {
     "control_points.csv": _write_control_points,
     RECORD: _write_record,
 }
-"""Files and folders of a run beside its pages, by name, in the order in which they are written; what each
-holds is said in docs/outputs.md. Control points are written where there are any, the others always."""
+"""Files and folders of a run beside its clouds and pages, by name, in the order in which they are written;
+what each holds is said in docs/outputs.md. Control points are written where there are any, the rest always.
+"""
 
 
-def write_results(
-    folder: Path, scan: Scan, result: RefineResult, record: dict[str, Any], cloud: Cloud
-) -> None:
+def write_results(folder: Path, scan: Scan, result: RefineResult, record: dict[str, Any]) -> None:
     """Write all of `FILES` into a folder that has none of them.
 
     Raises:
         OSError: a file cannot be written.
     """
-    run = Finished(scan, result, record, cloud)
+    run = Finished(scan, result, record)
     for name, write in FILES.items():
         write(folder / name, run)
+
+
+def write_clouds(folder: Path, result: RefineResult, cloud: Cloud) -> None:
+    """Write the points of a run at its poses before and after.
+
+    Raises:
+        OSError: a file cannot be written.
+    """
+    for name, poses in (
+        ("before", result.initial_plan_from_cams),
+        ("after", result.plan_from_cams),
+    ):
+        write_ply(folder / f"cloud_{name}.ply", place_cloud(cloud, poses), cloud.colors)
 
 
 def write_kitti(path: Path, target_from_cams: Float[np.ndarray, "n 4 4"]) -> None:

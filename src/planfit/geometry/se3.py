@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import numpy as np
 from jaxtyping import Float, Int, Real
-from scipy.spatial.transform import Rotation
+
+from planfit.geometry.rotation_kernels import rotation_vectors
 
 _SMALL_ANGLE_SQ = 1e-8
 
@@ -123,9 +124,25 @@ def exp_so3(rotation_vectors: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray
 
 
 def log_so3(rotations: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
-    """Rotation vectors in radians of rotations; safe at 0 and at pi."""
-    flat = Rotation.from_matrix(rotations.reshape(-1, 3, 3)).as_rotvec()
-    return flat.reshape(*rotations.shape[:-2], 3)
+    """Rotation vectors in radians of rotations; safe at 0 and at pi.
+
+    Matrices that are less than orthogonal to 1e-12 are taken for the nearest rotations.
+
+    Raises:
+        ValueError: one is left-handed, or flat.
+        LinAlgError: one is no number.
+    """
+    flat = np.ascontiguousarray(rotations, dtype=float).reshape(-1, 3, 3)
+    vectors, is_rotation = np.zeros((len(flat), 3)), np.zeros(len(flat), dtype=bool)
+    rotation_vectors(flat, vectors, is_rotation)
+    if not is_rotation.all():
+        others = flat[~is_rotation]
+        if (np.linalg.det(others) <= 0).any():
+            raise ValueError("log_so3: expected rotations, found a left-handed or a flat matrix")
+        nearest, found = project_to_so3(others), np.zeros((len(others), 3))
+        rotation_vectors(nearest, found, np.zeros(len(others), dtype=bool))
+        vectors[~is_rotation] = found
+    return vectors.reshape(*rotations.shape[:-2], 3)
 
 
 def retract(

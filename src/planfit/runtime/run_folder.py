@@ -2,14 +2,15 @@
 
 Results are written into a folder beside the old ones, which a rename turns into one to be moved in: from
 then on they hold, whatever happens. A process that dies before leaves the old results, one that dies while
-they are moved in leaves the rest to whoever takes the folder next.
+they are moved in leaves the rest to whoever takes the folder next. They may come in two parts: with the
+first, the old ones go; until the second is there, the run has not finished.
 """
 
 import json
 import os
 import platform
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -84,10 +85,14 @@ class RunFolder:
                 raise
 
     @contextmanager
-    def writing(self) -> Iterator[Path]:
+    def writing(self, to_come: Sequence[str] = (), has_begun: bool = False) -> Iterator[Path]:
         """A folder to write results into; on leaving, all of them replace the old ones.
 
         On any error nothing of the old results is touched and nothing new stays.
+
+        Args:
+            to_come: names of results that a second part brings; till then the run has not finished.
+            has_begun: whether this is the second part, which takes the place of none but its own names.
 
         Raises:
             OutputError: a file cannot be written (a full disk, say).
@@ -96,6 +101,11 @@ class RunFolder:
         try:
             staging.mkdir()
             yield staging
+            names = [item.name for item in staging.iterdir()]
+            new = sorted({*names, *(_results(self.path) if has_begun else ())})
+            # Of no effect without what is ready, which the next line makes.
+            owner = _owner(self.path) | {"moving": new, "to_come": list(to_come)}
+            _write_json(self.path / _OWNER, owner)
             staging.rename(self.path / _READY)  # from here on, these are the results
             _move_in(self.path)
         except OSError as error:
@@ -191,7 +201,6 @@ def _move_in(path: Path) -> None:
         return
     owner = _owner(path)
     new = owner.get("moving") or sorted(item.name for item in ready.iterdir())
-    _write_json(path / _OWNER, owner | {"moving": new})
     for name in [*_results(path), *new]:
         target = path / name
         is_new = (ready / name).exists()
@@ -202,7 +211,9 @@ def _move_in(path: Path) -> None:
         if is_new:
             (ready / name).replace(target)
     # What was moved is told until the next run takes the folder: an empty folder of results means none.
-    _write_json(path / _OWNER, owner | {"results": new, "moving": new})
+    _write_json(
+        path / _OWNER, owner | {"results": [*new, *owner.get("to_come", [])], "moving": new}
+    )
     ready.rmdir()
 
 

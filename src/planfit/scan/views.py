@@ -207,8 +207,6 @@ class TolerantFiles(FilesView):
 def _corrupt(files: ScanFiles) -> dict[int, str]:
     if isinstance(files, TolerantFiles):
         return files.reasons()
-    if isinstance(files, CalibratedFiles):
-        return _corrupt(files.files)
     if isinstance(files, JoinedFiles):
         return {
             own.first + k: why
@@ -218,4 +216,6 @@ def _corrupt(files: ScanFiles) -> dict[int, str]:
     if isinstance(files, SelectedFiles):
         reasons = _corrupt(files.files)
         return {k: reasons[int(i)] for k, i in enumerate(files.selected) if int(i) in reasons}
+    if isinstance(files, FilesView):
+        return _corrupt(files.files)
     return {}
