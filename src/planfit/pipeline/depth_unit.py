@@ -5,7 +5,9 @@ poses have a unit of their own, as those of one camera do. The first has a known
 Which of the two, the factor and the sizes of what depth shows tell. Odds of 100 decide, as elsewhere.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -117,6 +119,34 @@ class Sizes:
         of_median = _cost(self.median_m, factor, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_SHARE)
         of_height = _cost(self.camera_height_m, factor, CAMERA_HEIGHT_M, CAMERA_HEIGHT_SIGMA_SHARE)
         return of_median + of_height
+
+
+class Judged(Protocol):
+    """Recorded poses that were judged beside depth in some unit."""
+
+    @property
+    def tracking(self) -> Tracking:
+        """What they came to."""
+        ...
+
+
+T = TypeVar("T", bound=Judged)
+
+
+def judged_in_its_unit(scan: Scan, judged_in: Callable[[DepthUnit], T]) -> tuple[T, DepthUnit]:
+    """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
+    sizes = Sizes.of(scan)
+    by_size = unit_by_size(scan, sizes)
+    if by_size != AS_READ:
+        tried = judged_in(by_size)
+        if tried.tracking.is_confirmed:
+            return tried, by_size
+        unit = unit_by_motion(scan, tried.tracking, sizes, by_size)
+        if unit != AS_READ:
+            return judged_in(unit), unit
+    judged = judged_in(AS_READ)
+    unit = unit_by_motion(scan, judged.tracking, sizes)
+    return (judged if unit.factor == 1.0 else judged_in(unit)), unit
 
 
 def unit_by_size(scan: Scan, sizes: Sizes) -> DepthUnit:
