@@ -12,7 +12,7 @@ from planfit.evaluation import position_errors
 from planfit.export.cloud import read_ply_points
 from planfit.findings import PoseKind, ScanKind
 from planfit.geometry import se3
-from planfit.pipeline.depth_unit import DepthUnit, unit_by_motion
+from planfit.pipeline.depth_unit import DepthUnit, Sizes, unit_by_motion
 from planfit.scan import ScanFiles
 from planfit.scan.odometry import OdometryOptions
 from planfit.synth import BuildingOptions, CameraOptions, DriftOptions, SynthOptions, WalkOptions
@@ -86,7 +86,7 @@ def test_depth_that_motion_and_plan_find_too_long_is_named(truth):
 @pytest.mark.slow
 def test_depth_in_millimetres_that_was_read_as_fifths_is_put_right(truth, tmp_path):
     """RealSense recorders write lists in the form of TUM with depth in mm: metric poses were shrunk."""
-    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.2))
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.2), depth_read_in_m=TUM)
     right = planfit.refine(truth.scan, None)
     found = planfit.refine(scan, None)
     assert found.depth_unit == DepthUnit(5.0)
@@ -112,67 +112,85 @@ def test_depth_in_millimetres_that_was_read_as_fifths_is_put_right(truth, tmp_pa
 @pytest.mark.slow
 def test_arrays_of_millimetres_are_tried_as_such(truth):
     """Nothing at 2,000 m is looked at, so no motion tells: sizes say what to try, and motions confirm it."""
-    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 1000.0))
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 1000.0), depth_read_in_m=1.0)
     seen = planfit.extract_observations(scan)
     assert seen.depth_unit == DepthUnit(0.001)
     assert seen.tracking is not None
     assert seen.tracking.is_confirmed
 
 
-@dataclass(frozen=True)
-class Flat(LongDepth):
-    """Images of one depth, the factor in m."""
-
-    def depth(self, _):
-        return np.full((4, 4), self.factor)
-
-
-def unit_found(truth, metres, depth_m):
-    """By a tracker whose poses are in units of so many metres, as images of a median depth show it."""
-    scan = replace(truth.scan, files=Flat(truth.scan.files, depth_m))
+def unit_found(truth, metres, depth_m, height_m, read_in_m=1e-3):
+    """By a tracker whose poses are in units of so many metres, as depth of these sizes shows it."""
+    scan = replace(truth.scan, depth_read_in_m=read_in_m)
     fit = ConventionFit(f"unit:{metres}", 0.9, "recorded", 0.0, 100, 5.0)
-    return unit_by_motion(
-        scan, replace(believe_all(truth), convention=fit.name, convention_fit=fit)
-    )
+    tracking = replace(believe_all(truth), convention=fit.name, convention_fit=fit)
+    return unit_by_motion(scan, tracking, Sizes(depth_m, height_m))
 
 
 def believe_all(truth):
     return believe(truth.scan.world_from_cams, "recorded", OdometryOptions())
 
 
+MM, TUM = 1e-3, 1 / 5000
+
+
 @pytest.mark.parametrize(
-    ("metres", "depth_m", "unit"),
+    ("metres", "depth_m", "height_m", "read_in_m", "unit"),
     [
-        (0.2, 0.5, DepthUnit(5.0)),
-        (0.204, 0.5, DepthUnit(5.0)),
-        (5.0, 12.0, DepthUnit(0.2)),
+        (0.2, 0.5, 0.25, TUM, DepthUnit(5.0)),
+        (0.204, 0.5, 0.25, TUM, DepthUnit(5.0)),
+        # A hall: the camera's height over the floor tells what its size does not.
+        (0.2, 1.3, 0.3, TUM, DepthUnit(5.0)),
+        (0.2, 1.3, None, TUM, DepthUnit(rival=5.0)),
+        (5.0, 12.0, 7.5, MM, DepthUnit(0.2)),
         # Rooms are as large as they should be, and would be halls of giants.
-        (0.2, 8.0, DepthUnit()),
-        # No two units have that ratio.
-        (0.5, 0.9, DepthUnit()),
-        (0.1, 0.3, DepthUnit()),
+        (0.2, 8.0, 1.5, TUM, DepthUnit()),
+        # No two units have that ratio; or none with the one that depth is read in.
+        (0.5, 0.9, 0.7, MM, DepthUnit()),
+        (0.1, 0.3, 0.2, MM, DepthUnit()),
+        (0.2, 0.5, 0.25, MM, DepthUnit()),
         # Two units have it, and either size is usual.
-        (0.8, 2.5, DepthUnit(rival=1.25)),
+        (0.8, 2.5, 1.3, TUM, DepthUnit(rival=1.25)),
+        # The unit is stated.
+        (0.2, 0.5, 0.25, None, DepthUnit()),
     ],
 )
-def test_ratio_and_sizes_tell_whose_unit_is_wrong(truth, metres, depth_m, unit):
-    assert unit_found(truth, metres, depth_m) == unit
+def test_ratio_and_sizes_tell_whose_unit_is_wrong(
+    truth, metres, depth_m, height_m, read_in_m, unit
+):
+    found = unit_found(truth, metres, depth_m, height_m, read_in_m)
+    assert found.factor == pytest.approx(unit.factor)
+    assert found.rival == pytest.approx(unit.rival)
 
 
-def test_what_nothing_tells_is_asked_for_unless_a_plan_does(truth):
-    unit = unit_found(truth, 0.8, 2.5)
-    unit.require_decided(truth.scan, truth.floorplan)
-    for plan in (None, replace(truth.floorplan, is_metric=False)):
-        with pytest.raises(
-            ScanError, match=r"--depth-scale .* 1\.25 .* --poses-convention unit:0\.8"
-        ):
-            unit.require_decided(truth.scan, plan)
+@pytest.mark.slow
+@pytest.mark.parametrize("is_depth_wrong", [True, False])
+def test_a_plan_in_metres_tells_what_sizes_cannot(truth, is_depth_wrong):
+    """Depth of 1/4000 m read as 1/5000, or poses in units of 0.8 m: both as unusual, and equal but for the
+    plan."""
+    if is_depth_wrong:
+        scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.8))
+    else:
+        poses = truth.scan.world_from_cams
+        long = se3.make_transform(poses[:, :3, :3], 1.25 * poses[:, :3, 3])
+        scan = replace(truth.scan, world_from_cams=long)
+    scan = replace(scan, depth_read_in_m=TUM)
+    found = planfit.refine(scan, truth.floorplan)
+    assert found.depth_unit == DepthUnit(1.25 if is_depth_wrong else 1.0)
+    assert found.tracking is not None
+    assert found.tracking.metres_per_unit == pytest.approx(1.0 if is_depth_wrong else 0.8, 0.02)
+    right = planfit.refine(truth.scan, truth.floorplan)
+    assert error_m(found, truth) < error_m(right, truth) + 0.005
+
+
+def test_what_nothing_tells_is_asked_for(truth):
+    scan = replace(truth.scan, files=LongDepth(truth.scan.files, 0.8), depth_read_in_m=TUM)
+    with pytest.raises(ScanError, match=r"--depth-scale .* 1\.25 .* --poses-convention unit:0\.8"):
+        planfit.refine(scan, replace(truth.floorplan, is_metric=False))
 
 
 def test_a_unit_that_the_user_named_is_not_doubted(truth):
     fit = ConventionFit("unit:0.2", 0.9, "unit:0.2", 0.9, 100, 0.0)
     tracking = replace(believe_all(truth), convention="unit:0.2", convention_fit=fit)
-    assert (
-        unit_by_motion(replace(truth.scan, files=Flat(truth.scan.files, 0.5)), tracking)
-        == DepthUnit()
-    )
+    scan = replace(truth.scan, depth_read_in_m=TUM)
+    assert unit_by_motion(scan, tracking, Sizes(0.5, 0.25)) == DepthUnit()

@@ -197,6 +197,21 @@ def test_the_depth_scale_can_be_given(sample, tmp_path):
     assert_allclose(scaled, 2 * plain, rtol=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("kind", "read_in_m"),
+    [("tum", 1 / 5000), ("7-scenes", 1e-3), ("replica", None), ("record3d", None)],
+)
+def test_a_unit_of_depth_that_is_stated_is_told_from_a_usual_one(kind, read_in_m, sample, tmp_path):
+    """Replica's cam_params.json says the scale; Record3D's files are metres."""
+    path = written(kind, sample, tmp_path)
+    assert read_scan(path).depth_read_in_m == read_in_m
+    if kind in ("tum", "7-scenes"):
+        assert read_scan(path, options=ScanOptions(depth_scale=1e-3)).depth_read_in_m is None
+    if kind == "replica":
+        (path.parent / "cam_params.json").unlink()
+        assert read_scan(path).depth_read_in_m == pytest.approx(1 / 6553.5)
+
+
 def test_any_input_file_changes_the_fingerprint(sample, tmp_path):
     path = written("7-scenes", sample, tmp_path)
     before = read_scan(path).fingerprint

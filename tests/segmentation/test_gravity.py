@@ -10,9 +10,8 @@ from numpy.testing import assert_allclose
 from builders import NoFiles, look, room_scan
 from planfit.geometry import se3
 from planfit.runtime import Runtime
-from planfit.segmentation import find_gravity, level_from_world
+from planfit.segmentation import Gravity, find_gravity, level_from_world, most_common_upright
 from planfit.segmentation import gravity as gravity_module
-from planfit.segmentation.gravity import Gravity, _most_common
 
 VIEWS = np.stack(
     [look([2 + 0.2 * i, 1.5 + 0.1 * i, 1.4], 40 * i, 25 if i % 3 else -10, 4 * (i % 3 - 1))
@@ -62,14 +61,14 @@ def test_without_level_surfaces_the_cameras_say_and_a_warning_is_given():
 
 def test_a_ceiling_counts_with_the_floor():
     up = np.tile([0, 0, 1.0], (60, 1))
-    gravity = _most_common(np.concatenate([up, -up]), np.array([0, 0.3, 0.95]))
+    gravity = most_common_upright(np.concatenate([up, -up]), np.array([0, 0.3, 0.95]))
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 1e-6
     assert gravity.confidence == 1.0
 
 
 def test_the_sign_comes_from_the_cameras():
     normals = np.tile([0, 0, 1.0], (200, 1))
-    gravity = _most_common(normals, np.array([0, 0.1, -0.99]))
+    gravity = most_common_upright(normals, np.array([0, 0.1, -0.99]))
     assert angle_deg(gravity.up_world, [0, 0, -1]) < 1e-6
 
 
@@ -84,16 +83,16 @@ def mixed(rng, n_floor, n_slope, slope_deg):
 
 
 def test_a_smaller_slope_has_no_weight(rng):
-    gravity = _most_common(mixed(rng, 600, 300, 20), np.array([0, 0, 1.0]))
+    gravity = most_common_upright(mixed(rng, 600, 300, 20), np.array([0, 0, 1.0]))
     assert angle_deg(gravity.up_world, [0, 0, 1]) < 0.3
     assert gravity.confidence == pytest.approx(2 / 3, abs=0.02)
 
 
 def test_max_tilt_deg_tells_floor_from_wall(rng):
     normals, near = mixed(rng, 300, 600, 60), np.array([0, 0, 1.0])
-    assert angle_deg(_most_common(normals, near).up_world, near) < 0.3
+    assert angle_deg(most_common_upright(normals, near).up_world, near) < 0.3
     with patch.object(gravity_module, "_MAX_TILT_DEG", 80.0):
-        wide = _most_common(normals, near)
+        wide = most_common_upright(normals, near)
     assert angle_deg(wide.up_world, near) > 50
 
 
@@ -102,7 +101,7 @@ def test_cluster_deg_is_what_takes_part(rng):
     found = []
     for cluster_deg in (3, 12):
         with patch.object(gravity_module, "_CLUSTER_DEG", cluster_deg):
-            found.append(_most_common(normals, near))
+            found.append(most_common_upright(normals, near))
     narrow, wide = found
     assert narrow.confidence == pytest.approx(2 / 3, abs=0.05)
     assert wide.confidence > 0.99
@@ -121,9 +120,9 @@ def walls(rng, n):
 def test_walls_mend_a_floor_that_is_off(rng):
     floor = mixed(rng, 300, 0, 0) @ se3.exp_so3(np.array([np.deg2rad(1.0), 0, 0])).T
     near = np.array([0, 0, 1.0])
-    alone = _most_common(floor, near)
+    alone = most_common_upright(floor, near)
     assert angle_deg(alone.up_world, near) > 0.9
-    both = _most_common(np.concatenate([floor, walls(rng, 3000)]), near)
+    both = most_common_upright(np.concatenate([floor, walls(rng, 3000)]), near)
     assert angle_deg(both.up_world, near) < 0.3
 
 

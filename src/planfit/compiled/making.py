@@ -16,9 +16,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import numba
 from numba import types
-from numba.core import event, serialize
+from numba.core import config, event, serialize
 from numba.core.caching import NullCache
 from numba.core.dispatcher import Dispatcher
 
@@ -46,7 +45,7 @@ def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> None:
     Raises:
         OutputError: a kernel cannot be compiled.
     """
-    if isinstance(ready_here(), Ready) or numba.config.DISABLE_JIT:
+    if isinstance(ready_here(), Ready) or vars(config)["DISABLE_JIT"]:
         return
     lines = [line for line in listed_lines() if not _is_kept(line)]
     if lines:

@@ -29,6 +29,7 @@ from planfit.alignment import (
 from planfit.alignment import align as search_alignment
 from planfit.alignment.control_points import ControlPoint
 from planfit.alignment.options import AlignOptions, RecordedAxes
+from planfit.alignment.plan_scale import BETTER_SCORE
 from planfit.alignment.selection import MIN_SCORE
 from planfit.alignment.wall_thickness import THINNEST_M
 from planfit.errors import FloorplanError, OptionError, ScanError
@@ -36,11 +37,12 @@ from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
-from planfit.pipeline.given import require_given
-from planfit.pipeline.observations import extract_observations
+from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit
+from planfit.pipeline.given import Given, require_given
+from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
@@ -84,8 +86,10 @@ def align(
     require_given(scan, floorplan, options, runtime)
     chosen = options or RefineOptions()
     timer = StageTimer(runtime or Runtime())
+    given = Given(scan, floorplan, chosen, runtime or Runtime())
     observations = extract_observations(scan, chosen, runtime, timer=timer)
-    observations.depth_unit.require_decided(scan, floorplan)
+    observations = observed_in_metres(given, observations, timer)
+    scan = in_unit(scan, observations.depth_unit)
     _, prepared = settle_floors(scan, observations, chosen, timer)
     claimed = claimed_alignment(
         scan, floorplan, prepared.level_from_world, chosen.align.recorded_axes
@@ -99,6 +103,48 @@ def align(
     _, alignment = with_thick_walls(prepared, floorplan, alignment, chosen, claimed)
     walls = wall_samples(prepared.measurements.structure, prepared.level_from_keys)
     return AlignResult(alignment, walls, alignment.plan_from_level @ prepared.level_from_world)
+
+
+def observed_in_metres(given: Given, seen: Observations, timer: StageTimer) -> Observations:
+    """What the scan shows, its depth in metres; the very same where nothing is in question.
+
+    Where sizes and motion leave open whether depth or poses are in another unit, a plan in metres is asked:
+    in the right unit its walls explain a fifth more of the scan.
+
+    Args:
+        given: scan, plan and options.
+        seen: what the scan shows, depth as read.
+        timer: times the stages.
+
+    Raises:
+        ScanError: it is open, and no plan in metres tells.
+    """
+    unit, floorplan = DepthUnit(seen.depth_unit.rival), given.floorplan
+    if unit == AS_READ:
+        return seen
+    if not (isinstance(floorplan, Floorplan) and floorplan.is_metric):
+        raise seen.depth_unit.undecided(given.scan)
+    scan, options = in_unit(given.scan, unit), given.options
+    other = extract_observations(
+        scan, options, given.runtime, timer=timer, corrections=given.corrections
+    )
+    more = _explained(scan, other, floorplan, options) - _explained(
+        given.scan, seen, floorplan, options
+    )
+    if abs(more) < BETTER_SCORE:
+        raise seen.depth_unit.undecided(given.scan)
+    return replace(other, depth_unit=unit) if more > 0 else replace(seen, depth_unit=AS_READ)
+
+
+def _explained(
+    scan: Scan, seen: Observations, floorplan: Floorplan, options: RefineOptions
+) -> float:
+    """Share of the scan's wall that the plan explains, at the scale that both have."""
+    try:
+        found = find_alignment(prepare(scan, seen, options), floorplan.used(), options)
+    except (FloorplanError, ScanError):  # the plan fits in another unit than this
+        return 0.0
+    return 0.0 if found is None else found.score
 
 
 def align_to_plan(

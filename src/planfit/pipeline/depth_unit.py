@@ -5,7 +5,9 @@ poses have a unit of their own, as those of one camera do. The first has a known
 Which of the two, the factor and the sizes of what depth shows tell. Odds of 100 decide, as elsewhere.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -13,24 +15,46 @@ from planfit.adjust.calibration import PRIORS
 from planfit.alignment import is_clearly_likelier
 from planfit.errors import ScanError
 from planfit.findings import Finding, PoseKind
-from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import SensorCalibration
-from planfit.priors import SURE_SIGMAS, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_SHARE
-from planfit.scan import Scan, calibrated_scan, median_depth_m
-from planfit.scan.images.decode import USUAL_DEPTH_M
+from planfit.geometry.depth_normals import depth_normals
+from planfit.priors import (
+    CAMERA_HEIGHT_M,
+    CAMERA_HEIGHT_SIGMA_SHARE,
+    SURE_SIGMAS,
+    VIEW_DISTANCE_M,
+    VIEW_DISTANCE_SIGMA_SHARE,
+    Prior,
+)
+from planfit.scan import Scan, calibrated_scan, depth_of_nine, median_depth_m
+from planfit.segmentation import most_common_upright
 from planfit.tracking import Tracking
 
 MILLIMETRE, TUM, REPLICA, FOOT = 1e-3, 1 / 5000, 1 / 6553.5, 0.3048
 """Metres of a unit: of most recorders; of the TUM benchmark, and lists in its form; of NICE-SLAM's
 renderings; of an imperial modeller's."""
-UNITS = (MILLIMETRE, TUM, 1 / 4000, REPLICA, 1 / 256, FOOT)
-"""All that depth is stored in; 1/256 in KITTI's depth maps."""
-READ_IN = {1.0: (MILLIMETRE, FOOT), MILLIMETRE: UNITS[1:5], TUM: (MILLIMETRE, *UNITS[2:5])}
-"""Of the units that depth is read in where nothing says otherwise, those that it may be in instead."""
-FACTORS = tuple(unit / read for read, units in READ_IN.items() for unit in units)
-"""On depth, if it is in another unit."""
+WHOLE_UNITS = (MILLIMETRE, TUM, 1 / 4000, REPLICA, 1 / 256)
+"""All that whole numbers of depth are stored in; 1/256 in KITTI's depth maps."""
+FLOAT_UNITS = (MILLIMETRE, FOOT)
+"""All that floating-point numbers of depth are stored in, beside metres."""
 POSE_UNITS = 1e3
 """Units of poses' own lie between a thousandth of a metre and so many metres, each factor as likely."""
+OTHERWISE = 0.1
+"""How often, beforehand, depth whose unit nothing states is in another than its format's usual one; as often
+as poses have a unit of their own."""
+STRANGE = 0.02
+"""How often a size is not that of a room: drones in halls, things on a table."""
+SIZES = 1e3
+"""Sizes that are not those of rooms lie within such a factor, each factor as likely."""
+STEP_PX = 8
+"""Pixels between those that the floor is told by."""
+NORMAL_RADIUS_PX = 5
+"""Of the normals, as those that gravity is found by."""
+LEVEL = 0.96
+"""Upward part of the normals of floors and tables."""
+MIN_LEVEL = 100
+"""Pixels of level surfaces that tell of a floor."""
+FLOOR_SHARE = 0.75
+"""The floor is further below the camera than this share of all level surfaces: of tables and seats, too."""
 
 
 @dataclass(frozen=True)
@@ -49,61 +73,155 @@ class DepthUnit:
             return ()
         return (Finding(PoseKind.DEPTH_UNIT_TAKEN, {"depth_factor": self.factor}),)
 
-    def require_decided(self, scan: Scan, floorplan: object) -> None:
-        """Raise `ScanError` where the factor is open, and no plan in metres says which metre is right."""
-        has_metre = isinstance(floorplan, Floorplan) and floorplan.is_metric
-        if self.rival != 1.0 and not has_metre:
-            raise ScanError(
-                f"{scan.name}: expected poses and depth in metres, found recorded motion {self.rival:.3g} "
-                "times as long as depth shows it, and nothing tells which is right: if poses are in metres, "
-                f"give --depth-scale (metres of one stored unit) {self.rival:.4g} times what it is; if depth "
-                f"is, give --poses-convention unit:{1 / self.rival:.4g}"
-            )
+    def undecided(self, scan: Scan) -> ScanError:
+        """What to say where nothing tells whether the rival is right."""
+        return ScanError(
+            f"{scan.name}: expected poses and depth in metres, found recorded motion {self.rival:.3g} "
+            "times as long as depth shows it, and nothing tells which is right: if poses are in metres, "
+            f"give --depth-scale (metres of one stored unit) {self.rival:.4g} times what it is; if depth "
+            f"is, give --poses-convention unit:{1 / self.rival:.4g}"
+        )
 
 
 AS_READ = DepthUnit()
 
 
 def in_unit(scan: Scan, unit: DepthUnit) -> Scan:
-    """The scan with depth in metres; the very same one where it is."""
-    return calibrated_scan(scan, SensorCalibration(depth_scale=unit.factor))
+    """The scan with depth in metres, as if its unit had been stated; the very same one where it is."""
+    if unit.factor == 1.0:
+        return scan
+    scaled = calibrated_scan(scan, SensorCalibration(depth_scale=unit.factor))
+    return replace(scaled, depth_read_in_m=None)
 
 
-def unit_by_size(scan: Scan) -> DepthUnit:
-    """The unit that sizes alone ask for, to be tried: where depth as read is that of no building.
+@dataclass(frozen=True)
+class Sizes:
+    """What depth as read shows of sizes that are known beforehand; None where it shows none."""
 
-    Raises:
-        ScanError: as `median_depth_m`.
+    median_m: float | None
+    """Median depth."""
+    camera_height_m: float | None
+    """Of the camera over the floor."""
+
+    @staticmethod
+    def of(scan: Scan) -> "Sizes":
+        """Those of nine frames.
+
+        Raises:
+            ScanError: as `median_depth_m`.
+        """
+        if scan.depth_read_in_m is None:
+            return Sizes(None, None)
+        return Sizes(median_depth_m(scan), _camera_height_m(scan))
+
+    def cost(self, factor: float) -> float:
+        """Twice the negative log likelihood of these, if depth is to be multiplied by a factor."""
+        of_median = _cost(self.median_m, factor, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_SHARE)
+        of_height = _cost(self.camera_height_m, factor, CAMERA_HEIGHT_M, CAMERA_HEIGHT_SIGMA_SHARE)
+        return of_median + of_height
+
+
+class Judged(Protocol):
+    """Recorded poses that were judged beside depth in some unit."""
+
+    @property
+    def tracking(self) -> Tracking:
+        """What they came to."""
+        ...
+
+
+T = TypeVar("T", bound=Judged)
+
+
+def judged_in_its_unit(scan: Scan, judged_in: Callable[[DepthUnit], T]) -> tuple[T, DepthUnit]:
+    """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
+    sizes = Sizes.of(scan)
+    by_size = unit_by_size(scan, sizes)
+    if by_size != AS_READ:
+        tried = judged_in(by_size)
+        if tried.tracking.is_confirmed:
+            return tried, by_size
+        unit = unit_by_motion(scan, tried.tracking, sizes, by_size)
+        if unit != AS_READ:
+            return judged_in(unit), unit
+    judged = judged_in(AS_READ)
+    unit = unit_by_motion(scan, judged.tracking, sizes)
+    return (judged if unit.factor == 1.0 else judged_in(unit)), unit
+
+
+def unit_by_size(scan: Scan, sizes: Sizes) -> DepthUnit:
+    """The unit that sizes alone find likelier than the one read in: to be tried, no more."""
+    factors = _factors(scan)
+    if not factors:
+        return AS_READ
+    best = min(factors, key=sizes.cost)
+    as_other = sizes.cost(best) - 2 * np.log(OTHERWISE / len(factors))
+    return DepthUnit(best) if as_other < sizes.cost(1.0) - 2 * np.log(1 - OTHERWISE) else AS_READ
+
+
+def unit_by_motion(
+    scan: Scan, tracking: Tracking, sizes: Sizes, tried: DepthUnit = AS_READ
+) -> DepthUnit:
+    """The unit of depth that a tracker in metres and sizes ask for, where depth has another metre.
+
+    Args:
+        scan: as read.
+        tracking: judged beside depth in the unit `tried`.
+        sizes: of the scan as read.
+        tried: a unit.
     """
-    median_m = median_depth_m(scan)
-    near_m, far_m = USUAL_DEPTH_M
-    if median_m is None or near_m <= median_m <= far_m:
+    fit, factors = tracking.convention_fit, _factors(scan)
+    is_off = fit is not None and fit.is_own_unit and fit.is_clear
+    if not (is_off and factors):
         return AS_READ
-    return DepthUnit(min(FACTORS, key=lambda factor: _cost_of_size(factor * median_m)))
-
-
-def unit_by_motion(scan: Scan, tracking: Tracking) -> DepthUnit:
-    """The unit of depth that a tracker in metres and sizes ask for, where depth has another metre."""
-    fit, ratio = tracking.convention_fit, 1 / tracking.metres_per_unit
-    median_m = None if ratio == 1.0 else median_depth_m(scan)
-    if median_m is None or fit is None or not (fit.is_own_unit and fit.is_clear):
-        return AS_READ
-    off = np.log(ratio) - np.log(FACTORS)
+    ratio = tried.factor / tracking.metres_per_unit
+    off = np.log(ratio) - np.log(factors)
     sigma = float(np.hypot(PRIORS.depth_scale_sigma, PRIORS.odometry_scale_sigma))
     k = int(np.argmin(np.abs(off)))
     if abs(off[k]) > SURE_SIGMAS.value * sigma:
         return AS_READ
     # Twice negative logarithms: of the factor among all that are in use, of any unit that poses may have.
-    of_depth = (off[k] / sigma) ** 2 + 2 * np.log(len(FACTORS) * sigma * np.sqrt(2 * np.pi))
+    of_depth = (off[k] / sigma) ** 2 + 2 * np.log(len(factors) * sigma * np.sqrt(2 * np.pi))
     of_poses = 2 * np.log(2 * np.log(POSE_UNITS))
-    of_depth += _cost_of_size(FACTORS[k] * median_m)
-    of_poses += _cost_of_size(median_m)
+    of_depth += sizes.cost(factors[k])
+    of_poses += sizes.cost(1.0)
     if is_clearly_likelier(of_poses - of_depth):
-        return DepthUnit(FACTORS[k])
-    return AS_READ if is_clearly_likelier(of_depth - of_poses) else DepthUnit(rival=FACTORS[k])
+        return DepthUnit(factors[k])
+    return AS_READ if is_clearly_likelier(of_depth - of_poses) else DepthUnit(rival=factors[k])
 
 
-def _cost_of_size(median_m: float) -> float:
-    """Squared sigmas by which depth departs from that of usual rooms."""
-    departure = np.log(median_m / VIEW_DISTANCE_M.value)
-    return float((departure / VIEW_DISTANCE_SIGMA_SHARE.value) ** 2)
+def _factors(scan: Scan) -> tuple[float, ...]:
+    """On depth, if it is in another unit than it was read in; none where its unit is stated."""
+    read_m = scan.depth_read_in_m
+    if read_m is None:
+        return ()
+    units = FLOAT_UNITS if read_m == 1.0 else WHOLE_UNITS
+    return tuple(unit / read_m for unit in units if unit != read_m)
+
+
+def _cost(size_m: float | None, factor: float, usual_m: Prior, sigma_share: Prior) -> float:
+    """Twice the negative log likelihood of a size: usual, or now and then any."""
+    if size_m is None:
+        return 0.0
+    sigmas = np.log(factor * size_m / usual_m.value) / sigma_share.value
+    usual = np.exp(-0.5 * sigmas**2) / (sigma_share.value * np.sqrt(2 * np.pi))
+    return float(-2 * np.log((1 - STRANGE) * usual + STRANGE / np.log(SIZES)))
+
+
+def _camera_height_m(scan: Scan) -> float | None:
+    """Of cameras over the floor, as level surfaces below them show it in nine frames; None where none do.
+
+    By each frame's own upright, which needs no poses: their convention is not known yet.
+    """
+    below_m = []
+    for i, depth in depth_of_nine(scan):
+        points = scan.cameras[i].lift_image(depth)
+        normals = depth_normals(points, NORMAL_RADIUS_PX, step_px=STEP_PX).reshape(-1, 3)
+        points = points[::STEP_PX, ::STEP_PX].reshape(-1, 3)
+        told = normals[np.isfinite(normals).all(axis=1)]
+        up = most_common_upright(told, np.array([0.0, -1.0, 0.0])).up_world
+        is_level = normals @ up > LEVEL  # NaN is not
+        below_m.append(-points[is_level] @ up)
+    below = np.concatenate(below_m) if below_m else np.zeros(0)
+    below = below[below > 0]
+    return float(np.quantile(below, FLOOR_SHARE)) if len(below) >= MIN_LEVEL else None

@@ -4,7 +4,6 @@ Only keyframes are opened. Here they are a scan of their own; what is found is n
 frames in the end, so that nothing that follows needs to know.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -43,7 +42,7 @@ from planfit.pipeline.depth_or_tracker import (
     errs_clearly_less,
     sensor_by_neighbours,
 )
-from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, unit_by_motion, unit_by_size
+from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, judged_in_its_unit
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
@@ -189,7 +188,7 @@ def observe(
 
     known, by_surfaces, unit = None, None, AS_READ
     if matches is None and chosen.tracking.is_judged:
-        judged, unit = _in_unit_of_depth(scan, judged_in)
+        judged, unit = judged_in_its_unit(scan, judged_in)
         keyed, tracking = judged.keyed, judged.tracking
         known, by_surfaces = judged.known, judged.by_surfaces
     else:
@@ -293,20 +292,6 @@ def _believed(keyed: _Keyed, options: RefineOptions) -> Tracking:
     scan, convention = keyed.scan, options.poses_convention
     poses, times = scan.world_from_cams, scan.timestamps
     return believe(poses, convention, options.odometry, times, keyed.frame_idx)
-
-
-def _in_unit_of_depth(
-    scan: Scan, judged_in: Callable[[DepthUnit], _Judged]
-) -> tuple[_Judged, DepthUnit]:
-    """The recorded poses judged beside depth in the unit that sizes and motion ask for, and that unit."""
-    by_size = unit_by_size(scan)
-    if by_size != AS_READ:
-        tried = judged_in(by_size)
-        if tried.tracking.is_confirmed:
-            return tried, by_size
-    judged = judged_in(AS_READ)
-    unit = unit_by_motion(scan, judged.tracking)
-    return (judged if unit.factor == 1.0 else judged_in(unit)), unit
 
 
 def _judge(keyed: _Keyed, believed: Tracking, options: RefineOptions, runtime: Runtime) -> _Judged:

@@ -7,6 +7,7 @@ from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
+from planfit.pipeline.align import observed_in_metres
 from planfit.pipeline.calibrate import with_priors_of_poses
 from planfit.pipeline.corrected import (
     judge_by_hand,
@@ -99,7 +100,7 @@ def refine_given(given: Given) -> RefineResult:
         timer=timer,
         corrections=given.corrections,
     )
-    seen.depth_unit.require_decided(given.scan, given.floorplan)
+    seen = observed_in_metres(given, seen, timer)
     if seen.depth_unit != AS_READ:
         given = replace(given, scan=in_unit(given.scan, seen.depth_unit))
         surveyed = observe_survey(given, timer)
@@ -139,7 +140,7 @@ def calibrate(
     given = Given(scan, floorplan, options or RefineOptions(), runtime or Runtime())
     timer = StageTimer(given.runtime)
     seen = extract_observations(scan, given.options, given.runtime, timer=timer)
-    seen.depth_unit.require_decided(scan, floorplan)
+    seen = observed_in_metres(given, seen, timer)
     given = replace(given, scan=in_unit(scan, seen.depth_unit))
     seen = with_priors_of_poses(seen)
     found = solve(given, seen, timer).calibrated.calibration

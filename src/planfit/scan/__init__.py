@@ -3,6 +3,7 @@
 from planfit.scan.arrays import scan_from_arrays as scan_from_arrays
 from planfit.scan.poses import read_tum as read_tum
 from planfit.scan.poses import write_tum as write_tum
+from planfit.scan.read import depth_of_nine as depth_of_nine
 from planfit.scan.read import median_depth_m as median_depth_m
 from planfit.scan.read import read_scan as read_scan
 from planfit.scan.recording import scan_from_recording as scan_from_recording

@@ -79,6 +79,7 @@ def scan_from_arrays(
         fingerprint="",
         labels=None if labels is None else partial(_labels_of_frame, labels),
         up_world=None if up_world is None else np.array(up_world) / np.linalg.norm(up_world),
+        depth_read_in_m=1.0,
     )
     scan = scan_from_recording(recording, options or ScanOptions())
     return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))

@@ -56,7 +56,7 @@ class _Kept:
                 begin, shape, dtype = self._places[key]
                 found = np.zeros(shape, dtype)
                 self._file.seek(begin)
-                self._file.readinto(found)
+                self._file.readinto(found.data)
                 return found
         found = decode(frame_idx)
         if found is not None:
@@ -69,7 +69,7 @@ class _Kept:
             return
         try:
             self._file.seek(self._end)
-            n_written = self._file.write(np.ascontiguousarray(array))
+            n_written = self._file.write(np.ascontiguousarray(array).data)
         except OSError:
             n_written = 0
         if n_written == array.nbytes:

@@ -125,6 +125,8 @@ class FolderLayout(ScanFormat, Generic[T]):
     """Of depth that is stored as whole numbers."""
     metres_per_float: float | Callable[[Listing[T]], float] = 1.0
     """Of depth that is stored as floating-point numbers."""
+    states_depth_unit: Callable[[Listing[T]], bool] = lambda _: False
+    """Whether files of the scan say the unit of depth."""
     can_scale_depth: bool = True
     """Whether `--depth-scale` may say otherwise."""
     least_confidence: tuple[int, int, int] = (0, 1, 2)
@@ -167,6 +169,8 @@ class FolderLayout(ScanFormat, Generic[T]):
         images = self._images(listing, options)
         read_options = (options,) if self.has_options_in_fingerprint else ()
         has_plan = self.floorplan and source.exists(self.floorplan)
+        is_stated = options.depth_scale is not None or not self.can_scale_depth
+        is_stated |= self.states_depth_unit(listing)
         files = list(dict.fromkeys((*listing.tables, *images.files(listing.frames))))
 
         def write_poses(
@@ -188,6 +192,7 @@ class FolderLayout(ScanFormat, Generic[T]):
             up_world=self.up_world,
             plan_from_world_axes=self.plan_from_world_axes,
             floorplan_path=source.locate(self.floorplan) if has_plan else None,
+            depth_read_in_m=None if is_stated else images.metres_per_unit,
             skipped=listing.skipped,
             warnings=[*listing.warnings, *_linked(images.source, files)],
         )

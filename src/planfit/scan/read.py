@@ -4,10 +4,12 @@ path -> reader of its format -> Recording -> lens of a file -> Scan -> poses of 
 frames tolerated -> calibration
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of, require_content
@@ -57,15 +59,8 @@ def median_depth_m(scan: Scan) -> float | None:
     Raises:
         ScanError: nothing was measured in any of these frames.
     """
-    medians = []
-    having = np.flatnonzero(np.array(scan.lacking) != "depth")
-    frames = having[np.unique(np.linspace(0, len(having) - 1, N_DEPTH_FRAMES).astype(int))]
-    n_read = 0
-    for i in frames:
-        try:
-            depth = scan.files.depth(int(i))
-        except ScanError:
-            continue  # told when a stage asks for the frame
+    medians, n_read = [], 0
+    for _, depth in depth_of_nine(scan):
         n_read += 1
         known = depth[np.isfinite(depth)]
         if len(known):
@@ -76,6 +71,17 @@ def median_depth_m(scan: Scan) -> float | None:
             "export the scan again with depth"
         )
     return float(np.median(medians)) if medians else None
+
+
+def depth_of_nine(scan: Scan) -> Iterator[tuple[int, Float[np.ndarray, "h w"]]]:
+    """Nine frames from all over the scan, and their depth in m; without those that cannot be read."""
+    having = np.flatnonzero(np.array(scan.lacking) != "depth")
+    for i in having[np.unique(np.linspace(0, len(having) - 1, N_DEPTH_FRAMES).astype(int))]:
+        try:
+            depth = scan.files.depth(int(i))
+        except ScanError:
+            continue  # told when a stage asks for the frame
+        yield int(i), depth
 
 
 def check_depth_unit(scan: Scan) -> list[str]:

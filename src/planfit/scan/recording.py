@@ -151,6 +151,8 @@ class Recording:
     """Rotation between world and plan axes, where poses are recorded in the plan's axes."""
     floorplan_path: Path | None = None
     """The plan that lies beside the frames."""
+    depth_read_in_m: float | None = None
+    """See `Scan`."""
     skipped: Sequence[str] = ()
     """Frames that the reader left out because they lack something, one line each."""
     warnings: Sequence[str] = ()
@@ -293,6 +295,7 @@ def scan_from_recording(recording: Recording, options: ScanOptions) -> Scan:
         floorplan_path=recording.floorplan_path,
         fingerprint=recording.fingerprint,
         format=recording.format,
+        depth_read_in_m=recording.depth_read_in_m,
         skipped=tuple(skipped),
         warnings=(*recording.warnings, *lost, *recording.images.warnings(frames), *_lacks(frames)),
     )

@@ -199,6 +199,9 @@ class Scan:
     Without one, nothing about the scan is kept in a cache."""
     format: str = ""
     """Name of the format it was read from."""
+    depth_read_in_m: float | None = None
+    """Metres of a stored unit of depth that its format usually has, where neither files nor the user say
+    which: depth may be in another. None: it is stated."""
     skipped: tuple[str, ...] = ()
     """Frames of the recording that are left out, and why, one line each."""
     warnings: tuple[str, ...] = ()

@@ -59,10 +59,10 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     normals = np.concatenate([item["normals"] for item in items])
     up_of_cameras = -scan.world_from_cams[:, :3, 1].mean(axis=0)
     up_of_cameras /= max(float(np.linalg.norm(up_of_cameras)), 1e-9)
-    return _most_common(normals, up_of_cameras)
+    return most_common_upright(normals, up_of_cameras)
 
 
-def _most_common(normals: np.ndarray, near: np.ndarray) -> Gravity:
+def most_common_upright(normals: np.ndarray, near: np.ndarray) -> Gravity:
     """The mode of normals (n, 3) within 40 degrees of `near` (3,), by votes, refined."""
     cosine = normals @ near
     # A ceiling's normal points down: antipodes count as one.

@@ -1,7 +1,7 @@
 """Poses in a unit of their own: of structure from motion, of trackers with one camera."""
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.tracking.motions import MeasuredMotions
@@ -47,12 +47,22 @@ def unit_by_motions(poses: Poses, motions: MeasuredMotions) -> float | None:
 
     Recorded steps are smooth where a tracker is good, so what was measured is taken as a share of them.
     Where they are noisier than what was measured, that share is too low, and the inverse share the right one:
-    both have to say so.
+    both have to say so. Only motions that tell lengths to a tenth count: surfaces leave directions free, and
+    what they are brought together from, the recorded motion, stays there.
     """
+    motions = motions[_tell_lengths(motions)]
     steps, measured = _recorded_steps(poses, motions), motions.a_from_b[:, :3, 3]
     low, high = _share(measured, steps), 1 / max(share_of_measured(poses, motions), 1e-12)
     is_metre = min(low, high) < MIN_DEPARTURE and max(low, high) > 1 / MIN_DEPARTURE
     return None if low <= 0 or is_metre else low
+
+
+def _tell_lengths(motions: MeasuredMotions) -> Bool[np.ndarray, " p"]:
+    moved = motions.a_from_b[:, :3, 3]
+    squared = np.sum(moved**2, axis=1)
+    along = np.einsum("pi,pij,pj->p", moved, motions.covariance[:, 3:, 3:], moved)
+    # along / squared is the variance of the length, so this is sigma < a tenth of the length.
+    return along < ((MIN_DEPARTURE - 1) * squared) ** 2
 
 
 def share_of_measured(poses: Poses, motions: MeasuredMotions) -> float:

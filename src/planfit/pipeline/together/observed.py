@@ -86,7 +86,8 @@ def observe_scan(
             f"{scan.name}: expected scans of one storey, found one that walks through several; refine it "
             "alone, with a plan for each storey (--plan 0=FILE --plan 1=FILE)"
         )
-    seen.depth_unit.require_decided(scan, None)
+    if seen.depth_unit.rival != 1.0:
+        raise seen.depth_unit.undecided(scan)
     in_metres = in_unit(scan, seen.depth_unit)
     calibrated = calibrate_alone(in_metres, with_priors_of_poses(seen), options, timer)
     keypoints = _corrected(known.keypoints, calibrated.calibration.sensor)

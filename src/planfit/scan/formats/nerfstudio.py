@@ -195,6 +195,7 @@ for it; else in that of the list, which is told. The axes of the world are anyon
     parts=(NAME, "images/", "depth/"),
     frames=_frames,
     metres_per_unit=_metres_per_unit,
+    states_depth_unit=lambda listing: "integer_depth_scale" in listing.content.content,
     metres_per_float=lambda listing: listing.content.metres_per_float,
     lens=each_frame(_lens),
     write=_write,

@@ -91,6 +91,11 @@ def _metres_per_unit(listing: Listing[Poses]) -> float:
     return 1 / scale
 
 
+def _states_scale(listing: Listing[Poses]) -> bool:
+    camera = _camera(listing.source)
+    return camera is not PUBLISHED and "scale" in camera
+
+
 REPLICA = FolderLayout(
     name="replica",
     page="""Replica as rendered for iMAP and NICE-SLAM, and for Semantic-NeRF.
@@ -118,6 +123,7 @@ cam_params.json, the published values are taken.
     parts=(FRAMES.poses, "results/"),
     frames=_replica_frames,
     metres_per_unit=_metres_per_unit,
+    states_depth_unit=_states_scale,
     lens=_lens,
     write=lambda refined: _replica(refined.source).write(refined),
     up_world=UP_Z,

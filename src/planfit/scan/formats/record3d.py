@@ -268,6 +268,7 @@ the depth. Recordings of the front camera have no poses: all of them are the ide
     parts=("metadata", "rgbd/"),
     frames=_frames,
     metres_per_unit=1.0,
+    states_depth_unit=lambda _: True,
     images=_images,
     lens=each_frame(_lens),
     write=_write,

@@ -251,6 +251,7 @@ Extrinsics are those of `scannet`: depth of a camera of its own is registered to
     told_by=lambda source: _folder(source) is not None and _table(source) != "",
     frames=_info_frames,
     metres_per_unit=_metres_per_unit,
+    states_depth_unit=lambda listing: "m_depthShift" in listing.content.values,
     lens=lambda found: _lens_of(found, "ColorIntrinsic"),
     depth_lens=lambda found: _lens_of(found, "DepthIntrinsic", "ColorIntrinsic"),
     color_from_depth=_color_from_depth,
