@@ -297,6 +297,16 @@ CAMERA_HEIGHT_SIGMA_SHARE = Prior(
     "Of the natural logarithm of the same: robots' 0.5 m and backpacks' 2.1 m lie within 2.4 of these. "
     "Chosen here.",
 )
+STRANGE_SIZE_SHARE = Prior(
+    0.02,
+    "How often a size that depth shows is not that of a room, but any: drones in halls, things on a table. "
+    "Chosen here.",
+)
+OTHER_UNIT_SHARE = Prior(
+    0.1,
+    "How often, beforehand, depth whose unit nothing states is in another than its format's usual one; poses "
+    "have a unit of their own as often. Chosen here.",
+)
 EYE_HEIGHT_M = Prior(
     1.6, "Eyes of people who stand: 1.53 m of women, 1.63 m of men in the median (DIN 33402-2)."
 )

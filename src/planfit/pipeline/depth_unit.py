@@ -20,6 +20,8 @@ from planfit.geometry.depth_normals import depth_normals
 from planfit.priors import (
     CAMERA_HEIGHT_M,
     CAMERA_HEIGHT_SIGMA_SHARE,
+    OTHER_UNIT_SHARE,
+    STRANGE_SIZE_SHARE,
     SURE_SIGMAS,
     VIEW_DISTANCE_M,
     VIEW_DISTANCE_SIGMA_SHARE,
@@ -36,15 +38,9 @@ WHOLE_UNITS = (MILLIMETRE, TUM, 1 / 4000, REPLICA, 1 / 256)
 """All that whole numbers of depth are stored in; 1/256 in KITTI's depth maps."""
 FLOAT_UNITS = (MILLIMETRE, FOOT)
 """All that floating-point numbers of depth are stored in, beside metres."""
-POSE_UNITS = 1e3
-"""Units of poses' own lie between a thousandth of a metre and so many metres, each factor as likely."""
-OTHERWISE = 0.1
-"""How often, beforehand, depth whose unit nothing states is in another than its format's usual one; as often
-as poses have a unit of their own."""
-STRANGE = 0.02
-"""How often a size is not that of a room: drones in halls, things on a table."""
-SIZES = 1e3
-"""Sizes that are not those of rooms lie within such a factor, each factor as likely."""
+ANY = 1e3
+"""Units of poses' own lie between a thousandth of a metre and so many metres, and sizes that are not those of
+rooms within such a factor; each is as likely."""
 STEP_PX = 8
 """Pixels between those that the floor is told by."""
 NORMAL_RADIUS_PX = 5
@@ -155,8 +151,12 @@ def unit_by_size(scan: Scan, sizes: Sizes) -> DepthUnit:
     if not factors:
         return AS_READ
     best = min(factors, key=sizes.cost)
-    as_other = sizes.cost(best) - 2 * np.log(OTHERWISE / len(factors))
-    return DepthUnit(best) if as_other < sizes.cost(1.0) - 2 * np.log(1 - OTHERWISE) else AS_READ
+    as_other = sizes.cost(best) - 2 * np.log(OTHER_UNIT_SHARE.value / len(factors))
+    return (
+        DepthUnit(best)
+        if as_other < sizes.cost(1.0) - 2 * np.log(1 - OTHER_UNIT_SHARE.value)
+        else AS_READ
+    )
 
 
 def unit_by_motion(
@@ -182,7 +182,7 @@ def unit_by_motion(
         return AS_READ
     # Twice negative logarithms: of the factor among all that are in use, of any unit that poses may have.
     of_depth = (off[k] / sigma) ** 2 + 2 * np.log(len(factors) * sigma * np.sqrt(2 * np.pi))
-    of_poses = 2 * np.log(2 * np.log(POSE_UNITS))
+    of_poses = 2 * np.log(2 * np.log(ANY))
     of_depth += sizes.cost(factors[k])
     of_poses += sizes.cost(1.0)
     if is_clearly_likelier(of_poses - of_depth):
@@ -205,7 +205,8 @@ def _cost(size_m: float | None, factor: float, usual_m: Prior, sigma_share: Prio
         return 0.0
     sigmas = np.log(factor * size_m / usual_m.value) / sigma_share.value
     usual = np.exp(-0.5 * sigmas**2) / (sigma_share.value * np.sqrt(2 * np.pi))
-    return float(-2 * np.log((1 - STRANGE) * usual + STRANGE / np.log(SIZES)))
+    strange = STRANGE_SIZE_SHARE.value
+    return float(-2 * np.log((1 - strange) * usual + strange / np.log(ANY)))
 
 
 def _camera_height_m(scan: Scan) -> float | None:
