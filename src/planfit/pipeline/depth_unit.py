@@ -7,7 +7,7 @@ Which of the two, the factor and the sizes of what depth shows tell. Odds of 100
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
@@ -117,6 +117,7 @@ class Sizes:
         return of_median + of_height
 
 
+@runtime_checkable
 class Judged(Protocol):
     """Recorded poses that were judged beside depth in some unit."""
 
