@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import line_strings, weighted_median
+from planfit.floorplan.near_lines import in_blocks
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines
@@ -29,6 +30,10 @@ class Areas:
 
     walls: list[BaseGeometry]
     rooms: list[BaseGeometry]
+
+
+OUTLINE_SAMPLES = 50
+"""Places on an outline that are looked at, to see whether it is drawn."""
 
 
 def sort_fills(
@@ -93,19 +98,19 @@ def _have_outlines(
 ) -> bool:
     """Whether lines are drawn all around most of some areas, as around rooms; not around the pieces that a
     program cuts one into."""
-    parts = np.array(polygons, dtype=object)
-    if len(parts) < 2 or len(ends) == 0:
+    if len(polygons) < 2 or len(ends) == 0:
         return False
-    near = 4e-4 * extent
-    edges = shapely.boundary(parts)
-    lines = line_strings(ends)
-    part, line = shapely.STRtree(lines).query(edges, "dwithin", distance=near)
-    drawn = np.zeros(len(parts))
-    for i in np.unique(part):
-        around = shapely.buffer(shapely.union_all(lines[line[part == i]]), near)
-        drawn[i] = shapely.length(shapely.intersection(edges[i], around))
-    has_outline = drawn > WHOLE * shapely.length(edges)
-    return bool(has_outline.mean() > WHOLE)
+    rings, of = shapely.get_parts(shapely.boundary(np.array(polygons)), return_index=True)
+    lengths = shapely.length(rings)
+    shares = (np.arange(OUTLINE_SAMPLES) + 0.5) / OUTLINE_SAMPLES
+    places = shapely.line_interpolate_point(rings[:, None], lengths[:, None] * shares).ravel()
+    is_near = np.zeros(len(places), dtype=bool)
+    lines = shapely.STRtree(line_strings(ends))
+    for place, _ in in_blocks(places, lines, 4e-4 * extent):
+        is_near[place] = True
+    near = is_near.reshape(len(rings), -1).mean(axis=1)
+    drawn, whole = (np.bincount(of, w) for w in (near * lengths, lengths))
+    return bool((drawn > WHOLE * whole).mean() > WHOLE)
 
 
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
