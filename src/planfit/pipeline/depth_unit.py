@@ -152,12 +152,10 @@ def unit_by_size(scan: Scan, sizes: Sizes) -> DepthUnit:
     if not factors:
         return AS_READ
     best = min(factors, key=sizes.cost)
-    as_other = sizes.cost(best) - 2 * np.log(OTHER_UNIT_SHARE.value / len(factors))
-    return (
-        DepthUnit(best)
-        if as_other < sizes.cost(1.0) - 2 * np.log(1 - OTHER_UNIT_SHARE.value)
-        else AS_READ
-    )
+    other = OTHER_UNIT_SHARE.value
+    as_other = sizes.cost(best) - 2 * np.log(other / len(factors))
+    as_read = sizes.cost(1.0) - 2 * np.log(1 - other)
+    return DepthUnit(best) if as_other < as_read else AS_READ
 
 
 def unit_by_motion(
@@ -217,6 +215,8 @@ def _camera_height_m(scan: Scan) -> float | None:
     """
     below_m = []
     for i, depth in depth_of_nine(scan):
+        if min(depth.shape) < 4 * NORMAL_RADIUS_PX:
+            continue  # too small for normals
         points = scan.cameras[i].lift_image(depth)
         normals = depth_normals(points, NORMAL_RADIUS_PX, step_px=STEP_PX).reshape(-1, 3)
         points = points[::STEP_PX, ::STEP_PX].reshape(-1, 3)
