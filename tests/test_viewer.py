@@ -3,6 +3,7 @@
 import http.client
 import json
 import socket
+import struct
 import threading
 import tracemalloc
 from dataclasses import asdict
@@ -323,6 +324,18 @@ def test_requests_of_other_kinds_are_refused(served):
     assert served.ask("add", b"[1]")[0] == 400
     assert served.ask("add", b"{}", Content_Length="2000000")[0] == 400
     assert served.ask("other", {})[0] == 404
+
+
+def test_who_goes_away_before_the_answer_leaves_no_word(served, capfd):
+    """A reset instead of an orderly end: what is written to it fails."""
+    port = served.server.server_address[1]
+    for _ in range(20):
+        asking = socket.create_connection(("127.0.0.1", port), timeout=30)
+        asking.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+        asking.sendall(b"GET /x HTTP/1.1\r\nHost: x\r\n")
+        asking.close()
+    assert served.ask("state")[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def test_what_no_browser_asks_is_answered_and_prints_nothing(served, capfd):

@@ -44,7 +44,7 @@ def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
         _, of = np.unique(np.column_stack([keys, lines.layer]), axis=0, return_inverse=True)
         # They stay: outlines of neighbours share sides, and each is needed whole to be closed. Lines on
         # one another are one wall in `merge_collinear`.
-        n_twice = len(lines) - int(of.max()) - 1
+        n_twice = len(lines) - int(of.max(initial=-1)) - 1
         if n_twice:
             notes.append(f"{_count(n_twice, 'line')} drawn twice")
         lines = lines.take(_rank_among_equal(of.ravel()) < MOST_TIMES)
