@@ -468,6 +468,11 @@ def test_nerfstudio_with_times_of_several_clocks_or_durations(times, is_told, sa
     ("name", "text", "words"),
     [
         ("sensors.yaml", "%YAML:1.0\n---\nx: 1\n", "expected a matrix of 4 numbers"),
+        (
+            "sensors.yaml",
+            "%YAML:1.0\n---\nd400_color_optical_frame: [1, 2]\n",
+            "expected YAML of OpenCV",
+        ),
         ("trans_matrix.yaml", "%YAML:1.0\n---\nx: 1\n", "expected frames that lead from base_link"),
         ("trans_matrix.yaml", "[", "expected"),
         ("aligned_depth.txt", "1.0 a.png\n", "expected depth within 0.02 s of colour images"),

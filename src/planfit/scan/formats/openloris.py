@@ -6,14 +6,13 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from planfit.errors import ScanError
+from planfit.errors import ScanError, told_as
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pose_files import read_poses_of
 from planfit.scan.poses import check_pose, write_tum
 from planfit.scan.source import FileSource, read_text
-from planfit.scan.tables import shorten
 from planfit.scan.timed_lists import frames_of_lists, read_list
 from planfit.scan.types import ScanOptions
 
@@ -33,7 +32,12 @@ class _Robot:
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Robot]:
     gap_s = options.max_time_gap_s
     color, depth = read_list(source, COLORS), read_list(source, DEPTHS)
-    table, robot = read_poses_of(source, POSES), _Robot(_lens(source), _mount(source))
+    table = read_poses_of(source, POSES)
+    # OpenCV raises what it likes where nodes are missing or of another kind.
+    with told_as(ScanError, source.path / SENSORS, "YAML of OpenCV"):
+        lens = _lens(source)
+    with told_as(ScanError, source.path / MOUNTS, "YAML of OpenCV"):
+        robot = _Robot(lens, _mount(source))
     table = replace(table, poses=table.poses @ robot.base_from_cam)
     found = frames_of_lists(source.path, color, depth, table, POSES, gap_s)
     tables = [COLORS, DEPTHS, POSES, SENSORS, MOUNTS]
@@ -41,14 +45,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Robot]:
 
 
 def _opened(source: FileSource, name: str) -> cv2.FileStorage:
-    try:
-        return cv2.FileStorage(
-            read_text(source, name), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        )
-    except (cv2.error, SystemError) as error:
-        raise ScanError(
-            f"{source.path / name}: expected YAML of OpenCV, found other text ({shorten(error)})"
-        ) from error
+    return cv2.FileStorage(read_text(source, name), cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
 
 
 def _matrix(node: cv2.FileNode, count: int, where: str) -> Float[np.ndarray, " count"]:
