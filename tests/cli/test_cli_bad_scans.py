@@ -407,6 +407,13 @@ def test_a_name_too_long_for_any_file(
         read_scan(tmp_path)
 
 
+def test_what_is_written_is_not_told_to_be_put_into_a_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    message = refused(capsys, "plan", "plan.dxf", "-o", "/dev/null")
+    assert "found a device" not in message
+
+
 @pytest.mark.parametrize("made", ["a pipe", "a socket", "a device"])
 def test_what_is_no_file_is_not_waited_for(
     made: str, sample: Sample, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -16,6 +16,7 @@ from planfit.cli.config import configured, words_behind
 from planfit.errors import OptionError, did_you_mean
 from planfit.runtime import require_content
 
+_WRITTEN = ("-o", "--out")
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "text"}
 """What tyro calls kinds of values, in words."""
 
@@ -164,7 +165,8 @@ def _check_paths(line: _Line) -> None:
                 f"{flag or line.name}: expected a path, found an empty word; is a variable of the shell not "
                 "set?"
             )
-        require_content(Path(value), OptionError, "a file or a folder")
+        if flag not in _WRITTEN:  # what is written may go to a device
+            require_content(Path(value), OptionError, "a file or a folder")
 
 
 def _refused_by(line: _Line) -> contextlib.AbstractContextManager[None]:

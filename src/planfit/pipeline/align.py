@@ -85,9 +85,9 @@ def align(
     """
     require_given(scan, floorplan, options, runtime)
     chosen = options or RefineOptions()
-    timer = StageTimer(runtime or Runtime())
     given = Given(scan, floorplan, chosen, runtime or Runtime())
-    observations = extract_observations(scan, chosen, runtime, timer=timer)
+    timer = StageTimer(given.runtime)
+    observations = extract_observations(scan, chosen, given.runtime, timer=timer)
     observations = observed_in_metres(given, observations, timer)
     scan = in_unit(scan, observations.depth_unit)
     _, prepared = settle_floors(scan, observations, chosen, timer)
