@@ -7,7 +7,7 @@ from planfit.alignment import AlignOptions
 from planfit.errors import OptionError
 from planfit.lsq.robust import Loss, LossKind
 from planfit.lsq.solver import SolverOptions
-from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime, whole_number
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
@@ -19,7 +19,7 @@ from planfit.segmentation import SegmentationOptions
         (Loss, "scale", 0.0),
         (SolverOptions, "max_iterations", 0),
         (AlignOptions, "candidate", 0),
-        (VerdictOptions, "max_error_m", 0.0),
+        (RefineOptions, "tolerance_m", 0.0),
         (OdometryOptions, "sigma_base_m", float("nan")),
         (SegmentationOptions, "stride_px", 0),
         (Runtime, "workers", 0),

@@ -5,7 +5,6 @@ import numpy as np
 from planfit.alignment import AdjustedAlignment
 from planfit.pipeline.evidence import Evidence, Stretch
 from planfit.pipeline.verdict import Verdict, judge
-from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.pipeline.visits import Visit
 
 
@@ -54,6 +53,6 @@ def make_evidence(n_frames=50, **changes) -> Evidence:
     return Evidence(pose_covariances=covariances, **(given | changes))
 
 
-def make_verdict(n_frames=50, **changes) -> Verdict:
+def make_verdict(n_frames=50, tolerance_m=0.15, **changes) -> Verdict:
     """What is made of such evidence."""
-    return judge(make_evidence(n_frames, **changes), VerdictOptions())
+    return judge(make_evidence(n_frames, **changes), tolerance_m)

@@ -221,7 +221,7 @@ def test_poses_in_millimetres_are_refused(
         ["--odometry.sigma-base-m", "nan"],
         ["--adjust.wall-offset-sigma-m", "-1"],
         ["--adjust.walls.weight", "-1"],
-        ["--verdict.max-error-m", "0"],
+        ["--tolerance-m", "0"],
         ["--segmentation.learned.batch-size", "0"],
         ["--workers", "0"],
     ],

@@ -58,7 +58,7 @@ def test_a_batch_from_files_to_the_page_and_again(small_scan, tmp_path, capsys):
             "line 2: --adjust.walls.weight: expected a number, found 'thick'",
         ),
         ("name,scan,preset\na,b,best\n", "line 2: .*best"),
-        ("name,scan,verdict.max-error-m\na,b,-1\n", "line 2: .*-1"),
+        ("name,scan,tolerance-m\na,b,-1\n", "line 2: .*-1"),
         ("name,scan,adjust.wall.weight\na,b,1\n", "did you mean adjust.walls.weight"),
         ("name,scan,workers\na,b,1\n", "found the column 'workers'"),
         ("name,scan,out\na,b,c\n", "found the column 'out'"),

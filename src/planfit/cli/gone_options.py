@@ -263,9 +263,10 @@ GONE_OPTIONS: dict[str, str] = {
     "tracking.min_jump_deg": "decided by planfit (8 degrees)",
     "tracking.min_jump_m": "decided by planfit (0.5 m)",
     "tracking.min_matches_alone": "decided by planfit (50 matches)",
-    "verdict.alone_factor": "decided by planfit (1.5)",
+    "verdict.alone_factor": "--tolerance-m holds with a plan and without",
     "verdict.folds": "decided by planfit (5 folds)",
-    "verdict.max_stretch_error_m": "decided by planfit (0.27 m)",
+    "verdict.max_error_m": "it is tolerance_m now: for how many frames it holds is judged frame by frame",
+    "verdict.max_stretch_error_m": "stretches are judged by tolerance_m",
     "walk.door_clearance_m": "decided by planfit (0.25 m)",
 }
 """By dotted name, as in a file of options."""

@@ -147,6 +147,8 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
             for each in verdict.reservations
         ],
         "advice": verdict.advice,
+        "tolerance_m": verdict.tolerance_m,
+        "share_within_tolerance": verdict.share_within,
         "predicted_error_rms_m": finite(evidence.predicted_rms_m),
         "predicted_error_m": [finite(each) for each in verdict.predicted_error_m.tolist()],
         "frames_without_place": [list(run) for run in evidence.unplaced],

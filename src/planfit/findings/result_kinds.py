@@ -117,7 +117,8 @@ class ResultKind(Kind):
         "{predicted_rms_m:.2f} m (both RMS)"
     )
     ERROR_EXPECTED = note(
-        "expected position error {predicted_rms_m:.2f} m, worst {worst_m:.2f} m at frame {first}"
+        "expected position error {predicted_rms_m:.2f} m, worst {worst_m:.2f} m at frame {first}; "
+        "{within_share:.0%} of the frames are expected to be within {tolerance_m:g} m"
     )
     REVISITS_AGREE = note(
         "places seen again agree to {after_m:.3f} m in solves that did without them ({before_m:.3f} m "

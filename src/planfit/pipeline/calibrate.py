@@ -257,8 +257,10 @@ def shared_error(
     follow = step.pose_by_shared
     if priors.plan_scale_sigma > 0:
         follow[:, 3:5, PLAN] -= unknowns[:, :2, 3]
-    # What the evidence asks for and was not kept may be right: its square adds to the variance.
-    return SharedError(step.covariance + np.outer(step.change, step.change), follow)
+    # What the evidence asks for and was not kept may be right: its square adds to the variance. By what no
+    # sensor is off, no sensor is: such residuals have another cause, and tell of it themselves.
+    change = np.zeros_like(step.change) if calibration.implausible else step.change
+    return SharedError(step.covariance + np.outer(change, change), follow)
 
 
 def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptions) -> Measurements:

@@ -26,6 +26,7 @@ from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationP
 from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.observability import frames_held
 from planfit.adjust.torn_steps import find_broken_steps
+from planfit.adjust.uncertainty import probability_within
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
 from planfit.evaluation import NEAR_FACE_M
 from planfit.findings import Finding
@@ -137,6 +138,15 @@ class Evidence:
     def predicted_error_m(self) -> Float[np.ndarray, " n"]:
         """Of each camera position, one standard deviation of its length."""
         return np.sqrt(np.trace(self.pose_covariances[:, 3:, 3:], axis1=1, axis2=2))
+
+    def probability_within(self, tolerance_m: float) -> Float[np.ndarray, " n"]:
+        """That each camera's position is off by no more than a tolerance."""
+        return probability_within(self.pose_covariances[:, 3:, 3:], tolerance_m)
+
+    def share_within(self, tolerance_m: float) -> float:
+        """Share of the frames that are expected to be off by no more than a tolerance, but for frames that
+        nothing places."""
+        return float(self.probability_within(tolerance_m)[self._is_placed_frame].mean())
 
     @property
     def worst_frame(self) -> int:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from planfit.adjust import AdjustOptions
 from planfit.adjust.calibration import CalibrationOptions
 from planfit.alignment import AlignOptions
+from planfit.errors import require_positive
 from planfit.matching import MatchingOptions
-from planfit.pipeline.verdict_options import VerdictOptions
 from planfit.runtime import Changeable, require_kinds
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
@@ -36,10 +36,12 @@ class RefineOptions(Changeable):
     """The bundle adjustment."""
     calibration: CalibrationOptions = field(default_factory=CalibrationOptions)
     """What the sensor may be off, and when that is believed."""
-    verdict: VerdictOptions = field(default_factory=VerdictOptions)
-    """How the result is judged."""
+    tolerance_m: float = 0.15
+    """Position error that is good enough. A result is refined where 95 % of the frames are expected to be
+    within it."""
     seed: int = 0
     """Seed of what is kept out of the solves that judge."""
 
     def __post_init__(self) -> None:
         require_kinds(self)
+        require_positive(self, "tolerance_m")

@@ -9,13 +9,11 @@ import numpy as np
 from planfit.alignment import other_scale_finding
 from planfit.findings import Finding, ResultKind
 from planfit.pipeline.evidence import CONTRADICTED_M, Evidence, Stretch
-from planfit.pipeline.verdict_options import VerdictOptions
 
-MAX_STRETCH_ERROR_M = 0.27
-"""Predicted error of a stretch of the walk beyond which its frames are named."""
-ALONE_FACTOR = 1.5
-"""Predicted errors may be this many times as large where nothing fixed holds the whole (no plan): errors grow
-along the walk there, and the result is judged by whether the scan agrees with itself."""
+VOUCHED_SHARE = 0.95
+"""Share of the frames that must be expected to lie within the tolerance: what surveyors promise."""
+LIKELIER_WITHIN = 0.5
+"""Of a vouched result, a stretch of the walk that is likelier to lie beyond the tolerance is named."""
 WITNESSED_SHARE = 0.25
 """A stretch is confirmed by the plan where at least this share of its wall patches lies on it."""
 UNEXPLAINED_SHARE = 0.2
@@ -38,11 +36,14 @@ CONTRADICTED_SHARE = 0.25
 """More contradicted visits than this share of them are no accident."""
 MAX_STRAIN = 1.25
 """Misfit of a term with the walls over that without, at least three a frame. Right plans: 1.00 to 1.07."""
-RIVAL_SHARE = 1.0
-"""Other optima are named from this share of the predicted error that is allowed on."""
 
 
-def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
+def is_vouched(evidence: Evidence, tolerance_m: float) -> bool:
+    """Whether so many frames are expected to lie within a tolerance that the result can be used."""
+    return evidence.share_within(tolerance_m) >= VOUCHED_SHARE
+
+
+def reservations_of(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ...]:
     """All reservations about a result, the gravest kinds first."""
     if not evidence.is_measured:  # of the whole it is said that nothing was refined
         return tuple(_of_doubted_tracking(evidence))
@@ -50,8 +51,7 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Findin
         *_of_doubted_tracking(evidence),
         *_of_broken_path(evidence),
         *_of_other_scale(evidence),
-        *_of_rivals(evidence, options),
-        *_of_unsure_stretches(evidence),
+        *_of_unsure_places(evidence, tolerance_m),
         *_of_unexplained_stretches(evidence),
         *_of_walls_alone(evidence),
         *_of_contradicted_visits(evidence),
@@ -61,11 +61,8 @@ def reservations_of(evidence: Evidence, options: VerdictOptions) -> tuple[Findin
         Finding(ResultKind.FRAMES_OFF_PLANS, {"storey": storey.name}, storey.frames)
         for storey in evidence.without_plan
     ]
-    error, everything = evidence.predicted_rms_m, _all_frames(evidence)
     if not evidence.is_placed:
-        found.append(Finding(ResultKind.NOT_PLACED, frames=everything))
-    if error > options.max_error_m and not found:
-        found.append(Finding(ResultKind.ALL_MAY_BE_OFF, {"predicted_rms_m": error}, everything))
+        found.append(Finding(ResultKind.NOT_PLACED, frames=_all_frames(evidence)))
     return tuple(found)
 
 
@@ -102,33 +99,39 @@ def _of_other_scale(evidence: Evidence) -> list[Finding]:
     return [replace(other_scale_finding(evidence.other_scale), frames=_all_frames(evidence))]
 
 
-def _of_rivals(evidence: Evidence, options: VerdictOptions) -> list[Finding]:
-    """The scan fits the plan in another way about as well, depending on which walls were moved."""
-    if evidence.rival_error_m <= RIVAL_SHARE * options.max_error_m:
-        return []
-    walls = evidence.moved_walls
-    return [
-        Finding(
-            ResultKind.FITS_ELSEWHERE,
-            {"rival_rms_m": evidence.rival_error_m},
-            _all_frames(evidence),
-            faces=tuple(face for wall in walls for face in wall.faces),
-            parts=walls,
-        )
+def _of_unsure_places(evidence: Evidence, tolerance_m: float) -> list[Finding]:
+    """Stretches of the walk that may lie beyond the tolerance; of the whole, whether in another optimum."""
+    within, enough = evidence.probability_within(tolerance_m), is_vouched(evidence, tolerance_m)
+    least = LIKELIER_WITHIN if enough else VOUCHED_SHARE
+    is_unsure = [
+        within[slice(s.frames[0], s.frames[1] + 1)].mean() < least for s in evidence.stretches
     ]
-
-
-def _of_unsure_stretches(evidence: Evidence) -> list[Finding]:
-    """Runs of stretches whose predicted error is large."""
+    rival_m, error_m = evidence.rival_error_m, evidence.predicted_rms_m
+    if not enough and 2 * rival_m**2 > error_m**2:  # most of what is not known is which optimum
+        return [_of_rivals(evidence)]
+    if all(is_unsure):
+        facts = {"predicted_rms_m": error_m}
+        return [Finding(ResultKind.ALL_MAY_BE_OFF, facts, _all_frames(evidence))]
     found = []
-    most_m = MAX_STRETCH_ERROR_M * (ALONE_FACTOR if evidence.is_alone else 1.0)
-    for run in _runs([s.predicted_m > most_m for s in evidence.stretches]):
+    for run in _runs(is_unsure):
         stretches = [evidence.stretches[k] for k in run]
         frames = stretches[0].frames[0], stretches[-1].frames[1]
         worst = max(stretches, key=lambda s: s.predicted_m)
         facts = {"predicted_m": worst.predicted_m, "direction": worst.open_direction}
         found.append(Finding(ResultKind.FRAMES_NOT_FIXED, facts, (frames,)))
     return found
+
+
+def _of_rivals(evidence: Evidence) -> Finding:
+    """The scan fits the plan in another way about as well, depending on which walls were moved."""
+    walls = evidence.moved_walls
+    return Finding(
+        ResultKind.FITS_ELSEWHERE,
+        {"rival_rms_m": evidence.rival_error_m},
+        _all_frames(evidence),
+        faces=tuple(face for wall in walls for face in wall.faces),
+        parts=walls,
+    )
 
 
 def _of_unexplained_stretches(evidence: Evidence) -> list[Finding]:

@@ -98,7 +98,7 @@ def validate(
         tuple(check for check in checks if check),
         {name: (cost_before[name], cost_after[name]) for name in cost_before},
         evidence,
-        judge(evidence, options.verdict),
+        judge(evidence, options.tolerance_m),
     )
 
 

@@ -7,7 +7,7 @@ poses.
 The thresholds were chosen on ConSLAM and synthetic scans spoiled in known ways, with even seeds.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
@@ -16,18 +16,9 @@ from jaxtyping import Float
 from planfit.alignment import other_scale_finding
 from planfit.findings import Finding, PlanKind, ResultKind
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.reservations import ALONE_FACTOR, reservations_of
-from planfit.pipeline.verdict_options import VerdictOptions
+from planfit.pipeline.reservations import is_vouched, reservations_of
 from planfit.runtime import short_repr
 
-WORTH_SHARE = 0.35
-"""A correction is no improvement when the predicted error is more than this share of it."""
-WORTH_SHARE_OF_RIVALS = 0.7
-"""The same of what other optima have in the predicted error: a scan that fits its plan in two places is
-mostly better in either than where it was recorded."""
-WORTH_SHARE_ALONE = 1.0
-"""The same without a plan: no wrong place is to be feared there, and what least squares corrects is not
-correlated with what is left."""
 MIN_VISITS_ALONE = 3
 """Without a plan, the solve without one of fewer visits has next to nothing that closes loops: that it puts
 what the visit saw where the tracker did says nothing of the result."""
@@ -61,6 +52,10 @@ class Verdict:
     """Parts of the result that are not vouched for, and why."""
     predicted_error_m: Float[np.ndarray, " n"]
     """Of each camera position, one standard deviation of its length."""
+    tolerance_m: float
+    """Position error that is good enough, as it was asked for."""
+    share_within: float
+    """Share of the frames that are expected to be off by no more than that."""
     is_tracked: bool = True
     """Whether the recorded poses say anything of the images."""
 
@@ -118,12 +113,10 @@ class Verdict:
         return f"{self.outcome.value}: {self.reasons[0]}"
 
 
-def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
-    """Weigh the evidence."""
-    if evidence.is_alone:
-        options = replace(options, max_error_m=ALONE_FACTOR * options.max_error_m)
-    against = _against(evidence, options)
-    reservations = reservations_of(evidence, options)
+def judge(evidence: Evidence, tolerance_m: float) -> Verdict:
+    """Weigh the evidence, for a user to whom a position error of `tolerance_m` is good enough."""
+    against = _against(evidence, tolerance_m)
+    reservations = reservations_of(evidence, tolerance_m)
     doubt, scale = evidence.tracking_doubt, evidence.other_scale
     if against and doubt is not None:
         outcome, because = Outcome.NO_BETTER, (doubt, *against)
@@ -134,9 +127,15 @@ def judge(evidence: Evidence, options: VerdictOptions) -> Verdict:
         outcome, because = Outcome.NO_BETTER, against
     else:
         outcome = Outcome.IMPROVED if reservations else Outcome.REFINED
-        because = _in_favour(evidence)
+        because = _in_favour(evidence, tolerance_m)
     return Verdict(
-        outcome, because, reservations, evidence.predicted_error_m, is_tracked=doubt is None
+        outcome,
+        because,
+        reservations,
+        evidence.predicted_error_m,
+        tolerance_m,
+        evidence.share_within(tolerance_m),
+        is_tracked=doubt is None,
     )
 
 
@@ -146,14 +145,17 @@ def is_apart(before_m: float, after_m: float) -> bool:
     return after_m > 1.1 * before_m + 0.02
 
 
-def _in_favour(evidence: Evidence) -> tuple[Finding, ...]:
+def _in_favour(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ...]:
     """What was done, and what was kept out and agrees."""
     worst = evidence.worst_frame
     error = {"predicted_rms_m": evidence.predicted_rms_m}
     worst_m = float(evidence.predicted_error_m[worst])
+    within = {"within_share": evidence.share_within(tolerance_m), "tolerance_m": tolerance_m}
     found = [
         Finding(ResultKind.CAMERAS_MOVED, {"moved_rms_m": evidence.correction_rms_m, **error}),
-        Finding(ResultKind.ERROR_EXPECTED, {"worst_m": worst_m, **error}, ((worst, worst),)),
+        Finding(
+            ResultKind.ERROR_EXPECTED, {"worst_m": worst_m, **error, **within}, ((worst, worst),)
+        ),
     ]
     if evidence.visit_distances_m:
         before, after = evidence.visit_distances_m
@@ -166,7 +168,7 @@ def _in_favour(evidence: Evidence) -> tuple[Finding, ...]:
     return tuple(found)
 
 
-def _against(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]:
+def _against(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ...]:
     """Why the recorded poses are to be preferred."""
     if not evidence.is_measured:
         # What else there is to say compares the recorded poses with themselves.
@@ -187,10 +189,9 @@ def _against(evidence: Evidence, options: VerdictOptions) -> tuple[Finding, ...]
             shares = {"before_share": before, "after_share": after}
             found.append(Finding(ResultKind.WALLS_LEFT_PLAN, shares))
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
-    share = WORTH_SHARE_ALONE if evidence.is_alone else WORTH_SHARE
-    rival = evidence.rival_error_m
-    is_worthless = np.sqrt(max(error**2 - rival**2, 0.0)) > share * moved
-    if error > options.max_error_m and (is_worthless or rival > WORTH_SHARE_OF_RIVALS * moved):
+    # Right poses lie about as far from the recorded ones as these were moved, and from the refined ones as is
+    # predicted.
+    if error > moved and not is_vouched(evidence, tolerance_m):
         facts = {"predicted_rms_m": error, "moved_rms_m": moved}
         found.append(Finding(ResultKind.ERROR_TOO_LARGE, facts))
     return tuple(found)

@@ -142,7 +142,7 @@ def result_of_scan(
             *seen.depth_unit.findings,
             *sensor_findings(parameters),
         ),
-        verdict=judge(evidence, options.verdict),
+        verdict=judge(evidence, options.tolerance_m),
         evidence=evidence,
         tracking=observed.tracking,
         depth_unit=seen.depth_unit,
