@@ -39,4 +39,4 @@ def test_a_gone_flag_ends_with_exit_code_2_and_one_line(capsys):
     assert ended.value.code == 2
     told = capsys.readouterr().err
     assert "--align.min-score: " in told
-    assert "decided by planfit (half of the wall)" in told
+    assert "planfit decides it" in told
