@@ -11,7 +11,7 @@ COPY --from=build /opt/planfit /opt/planfit
 # What was not compiled above, for want of a CPU that has it, is kept where any user may write (docker run --user).
 RUN useradd --create-home planfit
 USER planfit
-ENV PATH=/opt/planfit/bin:$PATH HOME=/tmp NUMBA_CACHE_DIR=/tmp/planfit-numba MPLCONFIGDIR=/tmp/planfit-matplotlib
+ENV PATH=/opt/planfit/bin:$PATH HOME=/tmp NUMBA_CACHE_DIR=/tmp/planfit-numba
 WORKDIR /data
 ENTRYPOINT ["planfit"]
 CMD ["--help"]

@@ -9,8 +9,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from PIL import Image
 
 import planfit
@@ -21,10 +19,14 @@ from planfit.floorplan import Floorplan
 from planfit.pipeline.align import AlignResult, align
 from planfit.pipeline.observations import extract_observations
 from planfit.pipeline.prepare import PreparedScan, prepare
+from planfit.report.measures import measure
+from planfit.report.plots import colors
 from planfit.report.plots.alignment import draw_alignment
-from planfit.report.plots.drawing import AFTER, BEFORE, FONT_PT, GREY, INK, new_figure
+from planfit.report.plots.axes import Axes
+from planfit.report.plots.drawing import Box, Cells, Drawing, Words
 from planfit.report.plots.overlay import draw_overlay
 from planfit.report.plots.plan_picture import draw_plan_picture
+from planfit.report.plots.raster import to_png
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.synth.drawing import DrawingOptions, draw_building
@@ -37,49 +39,59 @@ MAX_BYTES = 90_000
 """Of a picture: fewer colours, then fewer pixels, until it is as small."""
 
 
-def save(name: str, picture: bytes | Figure, largest_px: int = 1000) -> None:
+def save(name: str, picture: bytes | Drawing, largest_px: int = 1000) -> None:
     """A picture, as a PNG of few colours."""
-    if isinstance(picture, Figure):
-        buffer = io.BytesIO()
-        picture.savefig(buffer, format="png")
-        picture = buffer.getvalue()
+    if isinstance(picture, Drawing):
+        picture = to_png(picture)
     image = Image.open(io.BytesIO(picture)).convert("RGB")
     path = IMAGES / f"pipeline_{name}.png"
-    for share, colors in ((1.0, 200), (1.0, 100), (0.8, 100), (0.8, 50)):
+    for share, n_colors in ((1.0, 200), (1.0, 100), (0.8, 100), (0.8, 50)):
         small = image.copy()
         small.thumbnail((int(share * largest_px),) * 2, Image.Resampling.LANCZOS)
-        small.quantize(colors, dither=Image.Dither.NONE).save(path, optimize=True)
+        small.quantize(n_colors, dither=Image.Dither.NONE).save(path, optimize=True)
         if path.stat().st_size < MAX_BYTES:
             break
     image = small
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB, {image.width} x {image.height} px")
 
 
-def panels(n: int, width_in: float, height_in: float) -> tuple[Figure, list[Axes]]:
-    """Pictures side by side, without ticks."""
-    figure = new_figure(width_in, height_in)
-    axes = list(figure.subplots(1, n, squeeze=False)[0])
-    for one in axes:
-        one.set(xticks=[], yticks=[])
-        one.spines[:].set_visible(False)
-    figure.subplots_adjust(0.01, 0.01, 0.99, 0.9, 0.03)
-    return figure, axes
+def panels(
+    titles: list[str], x: tuple[float, float], y: tuple[float, float], width_pt: float
+) -> tuple[Drawing, list[Axes]]:
+    """Pictures side by side, true to scale, a title above each."""
+    height_pt = width_pt * abs((y[1] - y[0]) / (x[1] - x[0]))
+    drawing = Drawing(len(titles) * (width_pt + 8), height_pt + 26)
+    axes = []
+    for k, words in enumerate(titles):
+        left = 4 + k * (width_pt + 8)
+        axes.append(Axes(drawing, Box(left, 20, left + width_pt, 20 + height_pt), x, y))
+        drawing.items.append(Words(words, (left + width_pt / 2, 14), colors.INK, "middle"))
+    return drawing, axes
 
 
-def title(axes: Axes, words: str) -> None:
-    """Above a panel."""
-    axes.set_title(words, fontsize=FONT_PT, color=INK)
+def show(axes: Axes, image: np.ndarray) -> None:
+    """An image (RGB) that fills axes, in 256 colours."""
+    few = Image.fromarray(image).quantize(256, dither=Image.Dither.NONE)
+    palette = np.full((256, 4), 255, np.uint8)
+    rgb = np.array(few.getpalette(), np.uint8).reshape(-1, 3)
+    palette[: len(rgb), :3] = rgb
+    axes.drawing.items.append(Cells(np.array(few), palette, axes.box))
 
 
-def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
+def draw_structure(scan: Scan, prepared: PreparedScan) -> Drawing:
     """Colour, depth, and what is floor and which patches are wall, of one frame."""
-    figure, axes = panels(3, 9.0, 2.6)
-    frame = int(np.argmax(np.bincount(prepared.measurements.structure.walls.frame_idx)))
-    color, camera = scan.files.color(frame), scan.cameras[frame]
-    axes[0].imshow(color)
-    axes[1].imshow(scan.files.depth(frame), cmap="viridis")
-    axes[2].imshow(color, alpha=0.45)
     structure = prepared.measurements.structure
+    frame = int(np.argmax(np.bincount(structure.walls.frame_idx)))
+    color, camera = scan.files.color(frame), scan.cameras[frame]
+    depth = scan.files.depth(frame)
+    grey = np.round(255 * np.nan_to_num(depth / np.nanmax(depth))).astype(np.uint8)
+    viridis = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)[:, :, ::-1]
+    titles = ["colour", "depth", "floor and wall patches"]
+    rim = (0.0, float(camera.width)), (float(camera.height), 0.0)
+    drawing, axes = panels(titles, *rim, 210)
+    show(axes[0], color)
+    show(axes[1], np.where(np.isnan(depth)[:, :, None], 255, viridis).astype(np.uint8))
+    show(axes[2], np.round(255 - 0.45 * (255.0 - color)).astype(np.uint8))
     level = structure.floor
     points = [(level.points_cam[level.start[frame] : level.start[frame + 1]], FLOOR)]
     patches = np.flatnonzero(structure.walls.frame_idx == frame)
@@ -87,15 +99,11 @@ def draw_structure(scan: Scan, prepared: PreparedScan) -> Figure:
         begin, end = structure.walls.start[patch : patch + 2]
         points.append((structure.walls.points_cam[begin:end], WALLS[k % len(WALLS)]))
     for xyz, paint in points:
-        uv = camera.project(xyz)
-        axes[2].plot(uv[:, 0], uv[:, 1], ".", color=paint, markersize=1.6)
-    axes[2].set(xlim=(0, camera.width), ylim=(camera.height, 0))
-    for one, words in zip(axes, ("colour", "depth", "floor and wall patches"), strict=True):
-        title(one, words)
-    return figure
+        axes[2].squares(camera.project(xyz), paint, 1.6)
+    return drawing
 
 
-def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
+def draw_matches(scan: Scan, prepared: PreparedScan) -> Drawing:
     """Two frames of different visits, and the keypoints that were matched."""
     matches = prepared.measurements.matches
     apart = matches.pairs[:, 1] - matches.pairs[:, 0]
@@ -104,30 +112,31 @@ def draw_matches(scan: Scan, prepared: PreparedScan) -> Figure:
     pair = int(np.argmin(np.where(apart > len(scan) // 3, np.abs(sizes - 100), np.inf)))
     a, b = matches.pairs[pair]
     inside = np.linspace(matches.start[pair], matches.start[pair + 1] - 1, N_LINES).astype(int)
-    figure, (axes,) = panels(1, 9.0, 3.6)
-    width = scan.cameras[a].width
-    axes.imshow(np.hstack([scan.files.color(int(a)), scan.files.color(int(b))]))
-    uv_a = scan.cameras[a].project(matches.points_a[inside])
-    uv_b = scan.cameras[b].project(matches.points_b[inside]) + np.array([width, 0])
-    axes.plot(*np.stack([uv_a, uv_b], axis=2).transpose(1, 2, 0), "-", color="#ffd000", lw=0.8)
-    title(
-        axes, f"frames {a + 1} and {b + 1}: {sizes[pair]} matches verified in 3D, {N_LINES} shown"
-    )
-    return figure
+    camera = scan.cameras[a]
+    words = f"frames {a + 1} and {b + 1}: {sizes[pair]} matches verified in 3D, {N_LINES} shown"
+    rim = (0.0, 2.0 * camera.width), (float(camera.height), 0.0)
+    drawing, (axes,) = panels([words], *rim, 640)
+    show(axes, np.hstack([scan.files.color(int(a)), scan.files.color(int(b))]))
+    uv_a = camera.project(matches.points_a[inside])
+    uv_b = scan.cameras[b].project(matches.points_b[inside]) + np.array([camera.width, 0])
+    axes.lines(np.stack([uv_a, uv_b], axis=1), "#ffd000", 0.8)
+    return drawing
 
 
-def draw_loops(scan: Scan, prepared: PreparedScan) -> Figure:
+def draw_loops(scan: Scan, prepared: PreparedScan) -> Drawing:
     """Wall and path from above, as recorded and after loops are closed."""
-    figure, axes = panels(2, 6.0, 4.2)
     recorded = prepared.level_from_world @ scan.world_from_cams
-    both = ((recorded, BEFORE, "as recorded"), (prepared.level_from_keys, AFTER, "loops closed"))
-    for one, (poses, paint, words) in zip(axes, both, strict=True):
-        _, ends = wall_patches_in_plan(prepared.measurements.structure.walls, poses)
-        one.plot(*ends.transpose(2, 1, 0), "-", color=paint, lw=1.0)
-        one.plot(*poses[:, :2, 3].T, "-", color=GREY, lw=0.8)
-        one.set_aspect("equal")
-        title(one, words)
-    return figure
+    both = [(recorded, colors.BEFORE), (prepared.level_from_keys, colors.AFTER)]
+    walls = prepared.measurements.structure.walls
+    seen = [wall_patches_in_plan(walls, poses)[1] for poses, _ in both]
+    everything = np.concatenate(seen).reshape(-1, 2)
+    rim = np.stack([everything.min(axis=0) - 0.5, everything.max(axis=0) + 0.5], axis=1)
+    x, y = ((float(low), float(high)) for low, high in rim)
+    drawing, axes = panels(["as recorded", "loops closed"], x, y, 210)
+    for one, ends, (poses, paint) in zip(axes, seen, both, strict=True):
+        one.lines(ends, paint, 1.0)
+        one.lines([poses[:, :2, 3]], colors.GREY, 0.8)
+    return drawing
 
 
 def draw_alignments(found: AlignResult, plan: Floorplan) -> bytes:
@@ -173,7 +182,7 @@ def main() -> None:
     save("loops", draw_loops(scan, prepared))
     save("alignments", draw_alignments(align(scan, plan, options, runtime), plan))
     result = planfit.refine(scan, plan, options, runtime)
-    save("walls", draw_overlay(result.floorplan, result))
+    save("walls", draw_overlay(result.floorplan, measure(result.floorplan, result)))
     print(*result.checks, *result.warnings, sep="\n")
 
 

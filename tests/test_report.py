@@ -30,7 +30,7 @@ from planfit.report.measures import measure
 from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.cross_sections import cut_walls
-from planfit.report.plots.drawing import Picture
+from planfit.report.plots.drawing import to_svg
 from planfit.report.plots.overlay import choose_close_ups, draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
 from planfit.report.walls import seen_faces
@@ -240,22 +240,6 @@ class Page(HTMLParser):
         return re.sub(r"\s+", " ", "".join(self.text))
 
 
-@pytest.fixture
-def small_pictures(monkeypatch):
-    """Rendering is most of the time that a report takes."""
-    monkeypatch.setattr("planfit.report.plots.drawing.DPI", 40)
-    monkeypatch.setattr("planfit.report.plots.top_view.DPI", 40)
-
-
-@pytest.fixture
-def no_pictures(monkeypatch):
-    """Plots are made but not rendered, for tests of words."""
-    blank = Picture(b"", 1, 1)
-    monkeypatch.setattr("planfit.report.plots.overlay.to_picture", lambda *_: blank)
-    for module in ("charts", "maps", "cross_sections"):
-        monkeypatch.setattr(f"planfit.report.plots.{module}.to_picture", lambda *_: blank)
-
-
 def read(floorplan, result, options="", truth=None):
     return Page(make_report("scan", floorplan, result, options, truth))
 
@@ -275,7 +259,7 @@ def test_report_is_self_contained(floorplan):
     assert html == make_report("scan", floorplan, make_result(), "")
 
 
-def test_contents_lead_to_every_heading(floorplan, no_pictures):
+def test_contents_lead_to_every_heading(floorplan):
     text = make_report("scan", floorplan, make_result(), "")
     contents = re.search("<nav.*?</nav>", text, re.S)[0]
     linked = re.findall('<a href="#(.*?)">(.*?)</a>', contents)
@@ -284,7 +268,7 @@ def test_contents_lead_to_every_heading(floorplan, no_pictures):
     assert "Statistics of the scan" in dict(headings).values()
 
 
-def test_it_tells_when_how_and_with_what_it_was_made(floorplan, no_pictures):
+def test_it_tells_when_how_and_with_what_it_was_made(floorplan):
     made = Provenance(
         "2031-02-03 04:05:06 +0900",
         "planfit refine 'a <b>' -o out",
@@ -307,7 +291,7 @@ def test_what_is_made_now_has_todays_date_and_the_versions_in_use():
     assert provenance_now().command == ""
 
 
-def test_text_is_escaped(floorplan, no_pictures):
+def test_text_is_escaped(floorplan):
     unused = Finding(SurveyKind.POINTS_UNSEEN, {"points": ("<b>7</b>", "& others")})
     result = replace(make_result(), findings=(unused,))
     html = make_report("<scan> & co", floorplan, result, "[a]\nname = '<script>'\n")
@@ -318,7 +302,7 @@ def test_text_is_escaped(floorplan, no_pictures):
         assert text in words
 
 
-def test_warnings_are_shown_before_the_numbers(floorplan, no_pictures):
+def test_warnings_are_shown_before_the_numbers(floorplan):
     floor, walls = Finding(ScanKind.NO_FLOOR), Finding(ScanKind.NO_WALL)
     words = read(floorplan, replace(make_result(), findings=(floor, walls))).words
     assert "Before you use this result" in words
@@ -353,7 +337,7 @@ def test_measures_equal_those_of_evaluate(floorplan):
     np.testing.assert_array_equal(both.before.wall_distances_m, expected.nearest_m)
 
 
-def test_key_metrics_appear_with_units_and_change(floorplan, no_pictures):
+def test_key_metrics_appear_with_units_and_change(floorplan):
     words = read(floorplan, make_result(), truth=TruthErrors(1.0, 0.25, 0.5, 0.1)).words
     metrics = words[words.index("Key metrics") : words.index("The scan on the plan")]
     assert "0.080 m0.020 m−75 %" in metrics
@@ -375,7 +359,7 @@ def test_verdict_tells_what_improved(floorplan):
     assert f"0.020{formatting.SPACE}m" in words
 
 
-def test_verdict_tells_what_got_worse(floorplan, no_pictures):
+def test_verdict_tells_what_got_worse(floorplan):
     worse = Check("wall points within 0.1 m of the plan", 0.9, 0.4, "share", True)
     result = replace(make_result(), checks=(make_result().checks[0], worse))
     page = read(floorplan, result)
@@ -384,7 +368,7 @@ def test_verdict_tells_what_got_worse(floorplan, no_pictures):
     assert "Better: places seen again agree to 0.020 m" in top
 
 
-def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
+def test_verdict_does_not_call_the_same_better(floorplan):
     same = Check("places seen again, median distance", 0.02, 0.02, "m", False)
     words = read(floorplan, replace(make_result(), checks=(same,))).words
     assert "Better" not in words
@@ -402,7 +386,7 @@ def test_verdict_does_not_call_the_same_better(floorplan, no_pictures):
         ({"visits": (make_visit(kept_out_m=0.9),)}, "No better: use the recorded poses"),
     ],
 )
-def test_outcome_is_the_head_line(floorplan, no_pictures, changes, expected):
+def test_outcome_is_the_head_line(floorplan, changes, expected):
     judged = {"verdict": make_verdict(12, **changes), "evidence": make_evidence(12, **changes)}
     words = read(floorplan, replace(make_result(), **judged)).words
     assert expected in words[: words.index("Key metrics")]
@@ -410,7 +394,7 @@ def test_outcome_is_the_head_line(floorplan, no_pictures, changes, expected):
     assert ("What to do:" in words) == ("reservations" in expected)
 
 
-def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, no_pictures):
+def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan):
     torn = (TornStep((3, 4), 0.5, 2.4, 2.0, 30.0, 90.0),)
     judged = {"verdict": make_verdict(12, torn=torn), "evidence": make_evidence(12, torn=torn)}
     plain = read(floorplan, make_result()).words
@@ -430,7 +414,7 @@ def test_certainty_of_each_frame_is_shown_with_the_truth_where_known(floorplan, 
 def test_certainty_plot_shows_prediction_truth_and_reservations():
     torn = make_verdict(50, torn=(TornStep((10, 11), 0.5, 2.4, 2.0, 30.0, 90.0),))
     shown = [
-        certainty_plot(verdict, np.full(50, radius_m), true_error_m).png
+        to_svg(certainty_plot(verdict, np.full(50, radius_m), true_error_m))
         for verdict, radius_m, true_error_m in (
             (make_verdict(50), 0.1, None),
             (make_verdict(50), 0.3, None),
@@ -452,7 +436,7 @@ def test_certainty_plot_shows_prediction_truth_and_reservations():
         (lambda result: replace(result, cost_by_term={}, seconds_by_stage={}), "sum00"),
     ],
 )
-def test_report_says_what_is_missing(small_pictures, floorplan, strip, expected):
+def test_report_says_what_is_missing(floorplan, strip, expected):
     result = strip(make_result())
     words = read(floorplan, result).words
     assert expected in words
@@ -460,7 +444,7 @@ def test_report_says_what_is_missing(small_pictures, floorplan, strip, expected)
 
 
 @pytest.mark.parametrize("n_frames", [1, 10])
-def test_short_scans(small_pictures, floorplan, n_frames):
+def test_short_scans(floorplan, n_frames):
     result = make_result(n_frames)
     if n_frames < 6:
         result = without_matches(result)
@@ -468,11 +452,11 @@ def test_short_scans(small_pictures, floorplan, n_frames):
 
 
 @pytest.mark.parametrize("strip", [without_walls, alone])
-def test_overlay_where_little_was_seen(small_pictures, floorplan, strip):
+def test_overlay_where_little_was_seen(floorplan, strip):
     assert draw_overlay(floorplan, measure(floorplan, strip(make_result(1)))).startswith(PNG_MAGIC)
 
 
-def test_not_aligned_shows_no_distances_to_the_plan(floorplan, no_pictures):
+def test_not_aligned_shows_no_distances_to_the_plan(floorplan):
     result = without_walls(make_result())
     unassigned = replace(
         result.structure,
@@ -504,7 +488,7 @@ def test_overlay_stacks_wide_scans(floorplan):
     assert image.width < 2000
 
 
-def test_overlay_is_cropped_to_the_scan(small_pictures, floorplan):
+def test_overlay_is_cropped_to_the_scan(floorplan):
     result = make_result()
     outside = np.array([[[500.0, 500.0], [600.0, 500.0]]])
     larger = replace(
@@ -543,7 +527,7 @@ def test_close_ups_are_left_out_of_small_scans(floorplan):
     assert choose_close_ups(both, crop_to_scan(both)) == ()
 
 
-def test_walls_are_listed_by_support_with_their_offset(floorplan, no_pictures):
+def test_walls_are_listed_by_support_with_their_offset(floorplan):
     result = make_result(n_frames=14, wall_offsets=(0.01, 0.07, -0.12, 0.0))
     faces = seen_faces(floorplan, result.adjustment)
     assert [(face.face_idx, face.n_patches) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
@@ -579,7 +563,7 @@ def test_a_face_with_unknown_side_has_no_direction(floorplan):
     assert face.verdict == f"displaced by 20.0{formatting.SPACE}cm"
 
 
-def test_statistics_costs_and_times_are_listed(floorplan, no_pictures):
+def test_statistics_costs_and_times_are_listed(floorplan):
     words = read(floorplan, make_result(), options="[walls]\nsigma_m = 0.05\n").words
     for sentences_of in (
         "frames12",

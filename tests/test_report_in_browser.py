@@ -1,5 +1,5 @@
-"""The report in a real browser: nothing overflows on a phone, heads sort, nothing is fetched; on paper it is
-short."""
+"""The report in a real browser: nothing overflows on a phone, no words of a picture are cut or covered, heads
+sort, nothing is fetched; on paper it is short."""
 
 import pypdfium2
 import pytest
@@ -23,7 +23,20 @@ addEventListener("load", () => {
   head.querySelector("button").click(); found.up = numbers();
   head.querySelector("button").click(); found.down = numbers();
   found.width = page.documentElement.scrollWidth;
-  found.images = [...page.images].map((i) => i.complete && i.naturalWidth > 0);
+  found.pictures = page.querySelectorAll(".plot svg").length;
+  const gap = (a, b) => Math.max(a.left - b.right, b.left - a.right, a.top - b.bottom, b.top - a.bottom);
+  found.cut = []; found.covered = [];
+  for (const picture of page.querySelectorAll(".plot svg")) {
+    const rim = picture.getBoundingClientRect();
+    const texts = [...picture.querySelectorAll("text")];
+    const words = texts.map((t) => [t.textContent, t.getBoundingClientRect()]);
+    for (const [text, box] of words)
+      if (box.left < rim.left || box.right > rim.right || box.top < rim.top || box.bottom > rim.bottom)
+        found.cut.push(text);
+    words.forEach(([text, box], k) => words.slice(0, k).forEach(([other, its]) => {
+      if (gap(box, its) < -0.2 * Math.min(box.height, its.height)) found.covered.push([text, other]);
+    }));
+  }
   document.title = "FOUND" + JSON.stringify(found);
 });
 </script>
@@ -47,8 +60,9 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
     report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
     found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
-    assert found["images"]
-    assert all(found["images"])
+    assert found["pictures"] == 12
+    assert found["cut"] == []
+    assert found["covered"] == []
 
     def offsets(cells):
         return [float(c.split()[0].replace("\u2212", "-")) for c in cells]

@@ -9,7 +9,8 @@ import pytest
 
 from planfit.cli import run
 from planfit.floorplan import read_floorplan
-from planfit.report.plots.plan_picture import BOTTOM_PX, RIGHT_PX, with_rim
+from planfit.report.plots.drawing import Words
+from planfit.report.plots.plan_picture import plan_axes
 
 
 def true_points(scan: Path) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -54,16 +55,20 @@ def test_refine_takes_points_and_a_candidate(small_scan: Path, tmp_path: Path, c
     assert "--no-plan: expected no flags of a plan" in capsys.readouterr().err
 
 
-def test_the_rim_has_the_numbers_of_the_plan() -> None:
-    """Ticks at the right pixels, with v down or y up; the picture itself is left as it is."""
-    canvas = np.full((400, 600, 3), 255, np.uint8)
-    uv_from_xy = np.array([[50.0, 0, 100], [0, -50.0, 350], [0, 0, 1]])
-    made = with_rim(canvas, uv_from_xy, "plan frame, m")
-    assert made.shape == (400 + BOTTOM_PX, 600 + RIGHT_PX, 3)
-    assert (made[1:399, 1:599] == 255).all()
-    below, beside = made[403, :600, 0] < 100, made[:400, 603, 0] < 100
-    assert np.flatnonzero(below).tolist() == [100, 350]  # x = 0 and 5
-    assert np.flatnonzero(beside).tolist() == [100, 350]  # y = 5 and 0
+def test_numbers_at_the_rim_are_those_of_the_plan(tmp_path: Path) -> None:
+    """In a drawing y is up, in a picture v is down."""
+    room = np.array([[0, 0, 6, 0], [6, 0, 6, 4], [6, 4, 0, 4], [0, 4, 0, 0]], dtype=float)
+    np.save(tmp_path / "plan.npy", room)
+    axes = plan_axes(read_floorplan(tmp_path / "plan.npy"), tmp_path / "plan.npy")
+    # The layout's v is down: the room is below 0.
+    (left, top), (right, bottom) = axes.at(np.array([[0.0, 0.0], [6.0, -4.0]]))
+    assert right - left == pytest.approx(1.5 * (bottom - top))
+    numbers = [words for words in axes.drawing.items if isinstance(words, Words)]
+    below = {words.text: words.at[0] for words in numbers if words.anchor == "middle"}
+    beside = {words.text: words.at[1] for words in numbers if words.anchor == "end"}
+    assert (below["0.0"], below["6.0"]) == pytest.approx((left, right))
+    assert beside["\u22124.0"] - beside["0.0"] == pytest.approx(bottom - top)
+    assert bottom > top
 
 
 def test_the_picture_of_a_plan_shows_pixels_of_a_picture(tmp_path: Path) -> None:

@@ -11,6 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.cli import run
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.report.plots.plan_picture import plan_axes
+from planfit.report.plots.raster import DPI
 
 
 @pytest.fixture(scope="module")
@@ -44,12 +46,15 @@ def test_an_unknown_scale_is_said_to_be_unknown(
 def test_overlay(picture: Path, tmp_path: Path) -> None:
     assert run(["plan", str(picture), "-o", str(tmp_path / "out.png")]) == 0
     image = cv2.imread(str(tmp_path / "out.png")).astype(int)
-    zoom = 1600 / 700
-    on_face = image[round(69.5 * zoom), round(200 * zoom)]
-    in_room = image[round(200 * zoom), round(200 * zoom)]
+    axes = plan_axes(read_floorplan(picture), picture)
+
+    def at(u: float, v: float) -> np.ndarray:
+        return image[tuple((axes.at(np.array([u, v], dtype=float)) * DPI / 72).astype(int)[::-1])]
+
+    on_face = at(200, 69.5)
     assert on_face[2] > on_face[0] + 100  # BGR: faces are orange
-    assert (in_room == 255).all()
-    assert image.shape[0] > 400 * zoom  # a key below
+    assert (at(200, 200) == 255).all()
+    assert (at(200, 60) == 140).all()  # a wall of the picture, made pale
 
 
 def test_overlay_of_a_drawing_shows_its_line_work(tmp_path: Path) -> None:
@@ -66,10 +71,14 @@ def test_overlay_of_a_drawing_shows_its_line_work(tmp_path: Path) -> None:
     document.saveas(tmp_path / "plan.dxf")
     assert run(["plan", str(tmp_path / "plan.dxf"), "-o", str(tmp_path / "out.png")]) == 0
     image = cv2.imread(str(tmp_path / "out.png")).astype(int)
-    scale = (1600 - 80) / 13.0  # 8 m and 5 more above
+    plan = read_floorplan(tmp_path / "plan.dxf")
+    axes = plan_axes(plan, tmp_path / "plan.dxf")
+    assert axes.y[1] - axes.y[0] == pytest.approx(13.0, rel=0.1)  # 8 m and 5 more above
+    plan_from_file = np.linalg.inv(plan.source.file_from_plan)
 
     def at(x: float, y: float) -> np.ndarray:
-        u, v = round(40 + x * scale), round(40 + (13.0 - y) * scale)
+        in_plan = (plan_from_file @ [x, y, 1.0])[:2]
+        u, v = (axes.at(in_plan) * DPI / 72).astype(int)
         near = image[v - 2 : v + 3, u - 2 : u + 3].reshape(-1, 3)
         return near[near.sum(axis=1).argmin()]  # the darkest about it
 

@@ -15,7 +15,7 @@ from planfit.cli.commands import COMMANDS
 from planfit.cli.main import EXIT_CLOSED_PIPE, EXIT_INTERRUPTED, in_one_line
 
 COMMAND = "from planfit.cli import main; main()"
-HEAVY = {"numpy", "scipy", "numba", "cv2", "tyro", "rich", "matplotlib", "planfit.pipeline"}
+HEAVY = {"numpy", "scipy", "numba", "cv2", "tyro", "rich", "planfit.pipeline"}
 
 
 @pytest.mark.parametrize(

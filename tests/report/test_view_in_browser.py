@@ -151,7 +151,7 @@ def changed(a, b):
 def press_picture(view, alt, x, y):
     """At values of the axes."""
     return view.browser.execute_script(
-        "const [alt, x, y] = arguments, image = document.querySelector(`img[alt='${alt}']`);"
+        "const [alt, x, y] = arguments, image = document.querySelector(`svg[aria-label='${alt}']`);"
         "const c = JSON.parse(image.dataset.clicks), r = image.getBoundingClientRect();"
         "const at = (v, [a, b]) => (v - a) / (b - a);"
         "const u = c.box[0] + at(x, c.x) * (c.box[2] - c.box[0]);"

@@ -187,7 +187,7 @@ def _dependency(line: str) -> CheckedPart | None:
     """A library by a line of requirements; None where the line is for other machines."""
     try:
         requirement = import_module("packaging.requirements").Requirement(line)
-    except ImportError:  # it is matplotlib's, and may be missing too
+    except ImportError:  # it may be missing too
         requirement = None
     if requirement and requirement.marker and not requirement.marker.evaluate():
         return None

@@ -25,16 +25,16 @@ from planfit.report.html.openings import (
     style_of,
 )
 from planfit.report.html.tables import Cell, sortable_table
-from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
+from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace
 
 COLORS = {
-    Verdict.AGREES: AGREES,
-    Verdict.MOVED: DISPLACED,
-    Verdict.MISSING: BEFORE,
-    Verdict.NEW: UNMATCHED,
-    Verdict.NOT_SEEN: NOT_SEEN,
+    Verdict.AGREES: colors.AGREES,
+    Verdict.MOVED: colors.DISPLACED,
+    Verdict.MISSING: colors.BEFORE,
+    Verdict.NEW: colors.UNMATCHED,
+    Verdict.NOT_SEEN: colors.NOT_SEEN,
 }
 _HEADS = (
     "No.", "verdict", "offset", "sigma", "patches", "frames", "looked through", "length", "middle x, y (m)",
@@ -155,14 +155,9 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
             f"<title>{opening_title_text(number, opening)}</title>"
             f"{_line(opening.built_ends, crop, 'drawn')}</g>"
         )
-    styles = " ".join(
-        f".as-built .opening-{verdict.value.replace(' ', '-')} line {{ stroke: {color}; }}"
-        for verdict, color in OPENING_COLORS.items()
-    )
-    styles += " ".join(
-        f".as-built .{_style(verdict)} line {{ stroke: {color}; }}"
-        for verdict, color in COLORS.items()
-    )
+    strokes = {f"opening-{v.value.replace(' ', '-')}": c for v, c in OPENING_COLORS.items()}
+    strokes |= {_style(verdict): color for verdict, color in COLORS.items()}
+    styles = " ".join(f".as-built .{name} line {{ stroke: {c}; }}" for name, c in strokes.items())
     return (
         f'<svg viewBox="0 0 {width:.3f} {height:.3f}" data-left="{crop.low[0]:.4f}" '
         f'data-top="{crop.high[1]:.4f}" role="img" '

@@ -10,7 +10,7 @@ from planfit import __version__
 from planfit.evaluation import Comparison, Metric, wall_points
 from planfit.report import comparison_words as words
 from planfit.report import formatting
-from planfit.report.html.figures import captioned, width_in
+from planfit.report.html.figures import captioned, width_pt
 from planfit.report.html.page import page_of
 from planfit.report.html.tables import table
 from planfit.report.measures import CloudXY
@@ -106,7 +106,7 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
     plan_ends = np.zeros((0, 2, 2))
     if comparison.poses.floorplan is not None:
         plan_ends = comparison.poses.floorplan.ends
-    width = width_in(crop)
+    width = width_pt(crop)
     paths = captioned(
         draw_paths(a, b, plan_ends, stretches, crop, width),
         "<strong>Both paths from above.</strong> Lines join the two positions of a frame where A and B "

@@ -14,14 +14,14 @@ from planfit.as_built import (
 )
 from planfit.report import formatting
 from planfit.report.html.tables import Cell, sortable_table
-from planfit.report.plots.drawing import AGREES, BEFORE, NOT_SEEN, UNMATCHED
+from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 
 COLORS = {
-    OpeningVerdict.OPEN: AGREES,
-    OpeningVerdict.CLOSED: BEFORE,
-    OpeningVerdict.NOT_SEEN: NOT_SEEN,
-    OpeningVerdict.NEW: UNMATCHED,
+    OpeningVerdict.OPEN: colors.AGREES,
+    OpeningVerdict.CLOSED: colors.BEFORE,
+    OpeningVerdict.NOT_SEEN: colors.NOT_SEEN,
+    OpeningVerdict.NEW: colors.UNMATCHED,
 }
 _HEADS = (
     "No.", "verdict", "width", "sigma", "drawn", "shifted", "looked through", "closed", "frames",

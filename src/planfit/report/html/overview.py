@@ -13,9 +13,9 @@ from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
-from planfit.report.html.figures import captioned, of_side, side_by_side, sides, width_in
+from planfit.report.html.figures import captioned, side_by_side, sides, width_pt
 from planfit.report.measures import BeforeAfter, StoreyMeasures
-from planfit.report.plots.drawing import PATHS
+from planfit.report.plots import colors
 from planfit.report.plots.overlay import choose_close_ups, fit_in_words, side_picture
 from planfit.report.plots.top_view import Crop, Mark
 from planfit.segmentation import NO_STOREY
@@ -26,9 +26,10 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey:
     marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
-            of_side(name, side_picture(floorplan, both, side, crop, marks, width_in(crop))),
+            side_picture(floorplan, both, side, crop, marks, width_pt(crop)),
             f"<strong>{name}:</strong> {escape(fit_in_words(both, side))}",
             f"{'Wall points' if both.has_plan else 'The scan'} {name}, from above",
+            name,
         )
         for name, side in sides(both)
     ]
@@ -63,10 +64,11 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
         distance = formatting.length(float(side.wall_distances_m[inside].mean()))
         pictures.append(
             captioned(
-                of_side(name, side_picture(floorplan, both, side, mark.crop)),
+                side_picture(floorplan, both, side, mark.crop),
                 f"<strong>{mark.letter}, {name}:</strong> these wall points lie {distance} from "
                 "the plan on average",
                 f"Close-up {mark.letter} {name}",
+                name,
             )
         )
     return f'<div class="pair">{"".join(pictures)}</div>'
@@ -126,7 +128,7 @@ def scans_section(result: RefineResult) -> str:
     for k, own in enumerate(result.scans):
         of_scan[own.frames] = k
     pairs = of_scan[result.matches.pairs]
-    for k, (own, color) in enumerate(zip(result.scans, cycle(PATHS))):
+    for k, (own, color) in enumerate(zip(result.scans, cycle(colors.PATHS))):
         is_shared = (pairs == k).any(axis=1) & (pairs[:, 0] != pairs[:, 1])
         rows.append(
             (

@@ -14,10 +14,10 @@ from planfit.pipeline.sensor import SensorParameter, sensor_findings
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
-from planfit.report.html.figures import captioned, of_side, plural, side_by_side, sides, width_in
+from planfit.report.html.figures import captioned, plural, side_by_side, sides, width_pt
 from planfit.report.html.tables import table
 from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.plots import charts, maps
+from planfit.report.plots import charts, colors, maps
 from planfit.report.plots.charts import (
     FAR_M,
     NEAR_M,
@@ -27,21 +27,10 @@ from planfit.report.plots.charts import (
     matches_plot,
 )
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
-from planfit.report.plots.drawing import (
-    AGREES,
-    DISPLACED,
-    NOT_SEEN,
-    PANEL_IN,
-    UNMATCHED,
-)
+from planfit.report.plots.drawing import PANEL_PT
 from planfit.report.plots.maps import loop_closure_map
 from planfit.report.plots.top_view import Crop
-from planfit.report.walls import (
-    AGREES_WITHIN_M,
-    FEW_PATCHES,
-    SeenFace,
-    seen_faces,
-)
+from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
 
 _DIGITS = {"": 4, "m": 3, "1/m": 4, "px": 1}
 
@@ -82,22 +71,18 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
     """Heights of the floor, before and after."""
     if not both.has_floor:
         return "<h2>Floor</h2><p>No floor was seen in this scan.</p>"
-    pictures = []
-    for name, side in sides(both):
-        pictures.append(
-            captioned(
-                of_side(
-                    name,
-                    maps.floor_map(
-                        floorplan if both.is_aligned else None, side, crop, width_in(crop)
-                    ),
-                ),
-                f"<strong>{name}:</strong> half of the floor points lie within "
-                f"{formatting.length(side.floor and side.floor.height_median_m)} of their median height; RMS "
-                f"{formatting.length(side.floor and side.floor.height_rms_m)} about their mean",
-                f"Floor heights {name}",
-            )
+    shown_plan = floorplan if both.is_aligned else None
+    pictures = [
+        captioned(
+            maps.floor_map(shown_plan, side, crop, width_pt(crop)),
+            f"<strong>{name}:</strong> half of the floor points lie within "
+            f"{formatting.length(side.floor and side.floor.height_median_m)} of their median height; RMS "
+            f"{formatting.length(side.floor and side.floor.height_rms_m)} about their mean",
+            f"Floor heights {name}",
+            name,
         )
+        for name, side in sides(both)
+    ]
     limit = f"{maps.FLOOR_RANGE_M:.1f}{formatting.SPACE}m"
     return (
         "<h2>Floor</h2><p>Height of the scanned floor: red is above the floor plane, blue below, "
@@ -120,17 +105,17 @@ def walls(
     association = result.adjustment.association
     n_lost = n_patches - association.n_associated
     keys = (
-        (AGREES, "agrees with the scan"),
-        (DISPLACED, "scanned elsewhere, with its number"),
-        (UNMATCHED, "scanned, but not on the plan"),
-        (NOT_SEEN, "drawn, but not scanned"),
+        (colors.AGREES, "agrees with the scan"),
+        (colors.DISPLACED, "scanned elsewhere, with its number"),
+        (colors.UNMATCHED, "scanned, but not on the plan"),
+        (colors.NOT_SEEN, "drawn, but not scanned"),
     )
     legend = " ".join(
         f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
         for color, words in keys
     )
     picture = captioned(
-        maps.wall_map(floorplan, result, faces, crop, width_in(crop)),
+        maps.wall_map(floorplan, result, faces, crop, width_pt(crop)),
         legend,
         "Walls of the plan by agreement with the scan",
     )
@@ -174,7 +159,7 @@ def frame_matches(
     pictures = [
         captioned(
             loop_closure_map(
-                plan_ends, both.after.trajectory, loop_closures, crop, PANEL_IN, both.scans
+                plan_ends, both.after.trajectory, loop_closures, crop, PANEL_PT, both.scans
             ),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
             f"than {tables.LOOP_MIN_FRAMES} keyframes apart, that see the same part of the building. Where "

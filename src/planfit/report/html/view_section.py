@@ -2,7 +2,7 @@
 
 from importlib import resources
 
-from planfit.report.plots.drawing import AGREES, BEFORE, DISPLACED, NOT_SEEN, UNMATCHED
+from planfit.report.plots import colors
 from planfit.report.scene.encode import encode_levels, scene_json
 from planfit.report.scene.scene import Scene
 
@@ -20,11 +20,11 @@ SCRIPTS = (
 """In the order in which they build on each other."""
 
 _WALL_COLORS = (
-    (AGREES, "wall agrees"),
-    (DISPLACED, "scanned elsewhere"),
-    (BEFORE, "missing"),
-    (UNMATCHED, "new, or too little seen"),
-    (NOT_SEEN, "not seen"),
+    (colors.AGREES, "wall agrees"),
+    (colors.DISPLACED, "scanned elsewhere"),
+    (colors.BEFORE, "missing"),
+    (colors.UNMATCHED, "new, or too little seen"),
+    (colors.NOT_SEEN, "not seen"),
 )
 """Those of the map of walls; `STATUS_COLORS` of renderer.js."""
 

@@ -6,25 +6,16 @@ import numpy as np
 
 from planfit.alignment import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
-from planfit.report.plots.drawing import (
-    AFTER,
-    FONT_PT,
-    INK,
-    PATH,
-    Entry,
-    add_axes,
-    add_legend,
-    new_figure,
-    to_picture,
-)
-from planfit.report.plots.top_view import Crop, draw_faces, draw_scale, set_up_view
+from planfit.report.plots import colors
+from planfit.report.plots.axes import LEGEND_PT, Entry
+from planfit.report.plots.drawing import Words
+from planfit.report.plots.raster import to_png
+from planfit.report.plots.top_view import Crop, finish_view, new_view
 
-WIDTH_IN, MIN_WIDTH_IN = 9.0, 4.5
-LEFT_IN, RIGHT_IN, BOTTOM_IN, TOP_IN = 0.6, 0.15, 0.65, 0.75
-LETTERS_PER_IN = 13
-"""Letters of the title that fit an inch."""
+WIDTH_PT, MIN_WIDTH_PT = 648, 320
 MARGIN = 0.04
 """Free space around the plan, as a share of its extent."""
+_LINE_PT, _LETTER_PT = 12, 5.5
 
 
 def draw_alignment(
@@ -42,32 +33,21 @@ def draw_alignment(
     rotation, translation = plan_from_level[:2, :2], plan_from_level[:2, 3]
     xy = walls.xy @ rotation.T + translation
     everything = np.concatenate([floorplan.ends.reshape(-1, 2), xy])
-    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin_m = MARGIN * float(np.ptp(everything, axis=0).max())
     # A strip of a plan is widened, so that axes and legend have room.
-    size = np.maximum(high - low, 0.25 * (high - low).max()) * (1 + 2 * MARGIN)
-    crop = Crop((low + high - size) / 2, (low + high + size) / 2)
-    axes_width = WIDTH_IN - LEFT_IN - RIGHT_IN
-    if crop.height_per_width > 1.2:
-        axes_width /= crop.height_per_width / 1.2
-    axes_width = max(axes_width, MIN_WIDTH_IN)
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(LEFT_IN + axes_width + RIGHT_IN, BOTTOM_IN + axes_height + TOP_IN)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
-    set_up_view(axes, crop)
-    draw_faces(axes, crop, floorplan.ends)
+    crop = Crop.around([everything], [], margin_m, (0.25, 4.0))
+    width = float(np.clip(WIDTH_PT / crop.height_per_width, MIN_WIDTH_PT, WIDTH_PT))
+    lines = textwrap.wrap(title, int(width / _LETTER_PT))
+    drawing, axes = new_view(crop, width, _LINE_PT * len(lines) + LEGEND_PT + 6)
+    axes.lines(floorplan.ends, colors.INK, 0.7)
     # Samples are a decimetre apart: dots as wide as that at least, and wide enough to be seen.
-    dot_pt = max(2.0, 72 * 0.1 * axes_width / float(crop.size[0]))
-    axes.plot(xy[:, 0], xy[:, 1], "s", color=AFTER, markersize=dot_pt, mew=0, alpha=0.5, zorder=4)
-    entries: list[Entry] = [("plan", INK, "-"), ("scanned wall", AFTER, "s")]
+    dot_pt = max(2.0, 0.1 * axes.box.size[0] / float(crop.size[0]))
+    axes.squares(xy, colors.AFTER, dot_pt, opacity=0.75)
+    entries: list[Entry] = [("plan", colors.INK, "-"), ("scanned wall", colors.AFTER, "s")]
     if walls.seen_from is not None:
-        eyes = walls.seen_from @ rotation.T + translation
-        axes.plot(eyes[:, 0], eyes[:, 1], ".", color=PATH, markersize=2.0, zorder=5)
-        entries.append(("cameras", PATH, "s"))
-    draw_scale(axes, crop)
-    add_legend(axes, entries)
-    wrapped = textwrap.fill(title, int(axes_width * LETTERS_PER_IN))
-    axes.text(
-        0.0, 1.0 + 0.28 / axes_height, wrapped, transform=axes.transAxes, fontsize=FONT_PT,
-        fontweight="bold", color=INK, va="bottom",
-    )  # fmt: skip
-    return to_picture(figure).png
+        axes.squares(walls.seen_from @ rotation.T + translation, colors.PATH, 2.0)
+        entries.append(("cameras", colors.PATH, "s"))
+    finish_view(axes, True, entries)
+    for k, line in enumerate(lines, start=1):
+        drawing.items.append(Words(line, (axes.box.left, _LINE_PT * k), colors.INK, is_bold=True))
+    return to_png(drawing)

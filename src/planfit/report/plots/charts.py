@@ -8,122 +8,104 @@ from jaxtyping import Float, Int
 from planfit.adjust.calibration import SHARED, Calibration
 from planfit.evaluation import NEAR_FACE_M
 from planfit.matching import Matches
+from planfit.pipeline.on_plan import frame_runs
 from planfit.pipeline.verdict import Verdict
 from planfit.report.measures import BeforeAfter
-from planfit.report.plots.drawing import (
-    AFTER,
-    BEFORE,
-    GREY,
-    INK,
-    LIGHT,
-    PATH,
-    UNMATCHED,
-    Entry,
-    Picture,
-    add_legend,
-    clicks_of,
-    label_axes,
-    new_chart,
-    new_frame_charts,
-    number_frames,
-    to_picture,
-)
-from planfit.report.plots.top_view import (
-    find_gaps,
-)
+from planfit.report.plots import colors
+from planfit.report.plots.axes import Entry, new_chart
+from planfit.report.plots.drawing import DASHED, DOTTED, Drawing
+from planfit.report.plots.top_view import find_gaps
 
 
-def distance_histogram(both: BeforeAfter) -> tuple[Picture, float]:
+def distance_histogram(both: BeforeAfter) -> tuple[Drawing, float]:
     """Distances of wall points to the plan; and the distance (m) at which the axis ends."""
     before, after = both.before.wall_distances_m, both.after.wall_distances_m
     end = float(np.clip(np.ceil(10 * np.percentile(before, 95)) / 10, 0.3, 1.0))
     bins = np.arange(0.0, end + 1e-9, 0.02)
-    figure, axes = new_chart(2.9)
-    for distances, color in ((before, BEFORE), (after, AFTER)):
-        counts = 100 * np.histogram(distances, bins)[0] / len(distances)
-        axes.stairs(counts, bins, color=color, linewidth=1.5, zorder=3)
-        axes.stairs(counts, bins, color=color, alpha=0.18, fill=True, zorder=2)
-    axes.axvline(NEAR_FACE_M, color=GREY, linewidth=0.9, linestyle=(0, (4, 2)), zorder=1)
-    axes.set_xlim(0.0, end)
-    axes.set_ylim(bottom=0.0)
-    label_axes(axes, "distance to the nearest drawn wall (m)", "wall points (% per 2 cm)")
-    add_legend(
-        axes,
-        [
-            ("before", BEFORE, "s"),
-            ("after", AFTER, "s"),
-            (f"{NEAR_FACE_M:.2f} m", GREY, "--"),
-        ],
-    )
-    return to_picture(figure), end
+    shares = [100 * np.histogram(d, bins)[0] / len(d) for d in (before, after)]
+    drawing, (axes,) = new_chart(209, (0.0, end), (0.0, 1.05 * float(np.max(shares))))
+    axes.upright(np.array([NEAR_FACE_M]), colors.GREY, 0.9, DASHED)
+    for share, color in zip(shares, (colors.BEFORE, colors.AFTER), strict=True):
+        # Down to nothing at both ends.
+        outline = np.repeat(bins, 2), np.concatenate([[0.0], np.repeat(share, 2), [0.0]])
+        axes.band(outline[0], np.zeros(len(outline[0])), outline[1], color, 0.18)
+        axes.series(*outline, color, 1.5)
+    axes.rim("distance to the nearest drawn wall (m)", "wall points (% per 2 cm)", is_boxed=False)
+    near: Entry = (f"{NEAR_FACE_M:.2f} m", colors.GREY, "--")
+    axes.legend([("before", colors.BEFORE, "s"), ("after", colors.AFTER, "s"), near])
+    return drawing, end
 
 
-def correction_plot(both: BeforeAfter) -> Picture:
+def correction_plot(both: BeforeAfter) -> Drawing:
     """Translation and rotation of each frame from before to after."""
-    correction = both.correction
-    translation, rotation_deg = correction[:, 3:], np.rad2deg(correction[:, :3])
-    frames = np.arange(len(correction))
-    figure, upper, lower = new_frame_charts(len(frames))
+    translation, rotation_deg = both.correction[:, 3:], np.rad2deg(both.correction[:, :3])
+    frames = np.arange(len(translation))
     gaps = find_gaps(both.before.trajectory)
-    gap_entry: list[Entry] = [("gap in the path", PATH, ":")] if len(gaps) else []
-    level_translation = np.linalg.norm(translation[:, :2], axis=1)
-    tilt = np.linalg.norm(rotation_deg[:, :2], axis=1)
-    translations = ("on the plan", level_translation), ("height", translation[:, 2])
-    rotations = ("yaw", rotation_deg[:, 2]), ("tilt", tilt)
-    for axes, (first, second), unit, least in (
-        (upper, translations, "translation (m)", 0.05),
-        (lower, rotations, "rotation (deg)", 0.5),
+    gap_entry: list[Entry] = [("gap in the path", colors.PATH, ":")] if len(gaps) else []
+    level_m = np.linalg.norm(translation[:, :2], axis=1)
+    tilt_deg = np.linalg.norm(rotation_deg[:, :2], axis=1)
+    # Rounding must not look like drift.
+    y_upper = _around(level_m, translation[:, 2], least=0.05)
+    y_lower = _around(rotation_deg[:, 2], tilt_deg, least=0.5)
+    drawing, (upper, lower) = new_chart(260, (0.0, max(len(frames) - 1.0, 1.0)), y_upper, y_lower)
+    for axes, x_name, y_name, (first, name), (second, other) in (
+        (upper, "", "translation (m)", (level_m, "on the plan"), (translation[:, 2], "height")),
+        (lower, "frame", "rotation (deg)", (rotation_deg[:, 2], "yaw"), (tilt_deg, "tilt")),
     ):
-        for gap in gaps:
-            axes.axvline(gap + 0.5, color=PATH, linewidth=0.7, linestyle=":", zorder=1)
-        axes.plot(frames, first[1], color=AFTER, linewidth=1.3, zorder=3)
-        axes.plot(frames, second[1], color=INK, linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=2)
-        low, high = axes.get_ylim()
-        axes.set_ylim(min(low, -least), max(high, least))  # rounding must not look like drift
-        label_axes(axes, "frame" if axes is lower else "", unit)
-        add_legend(axes, [(first[0], AFTER, "-"), (second[0], INK, "--"), *gap_entry])
-    clicks = clicks_of("frames", lower)
+        axes.lines([np.column_stack([axes.x, (0.0, 0.0)])], colors.LIGHT, 0.8)
+        axes.upright(gaps + 0.5, colors.PATH, 0.7, DOTTED)
+        axes.series(frames, second, colors.INK, 0.9, DASHED)
+        axes.series(frames, first, colors.AFTER, 1.3)
+        axes.rim(x_name, y_name, False, (axes is lower, True), least_step=1)
+        axes.legend([(name, colors.AFTER, "-"), (other, colors.INK, "--"), *gap_entry])
+    clicks = lower.clicks("frames")
     left, _, right, bottom = clicks.box
-    top = clicks_of("frames", upper).box[1]
-    return to_picture(figure, replace(clicks, box=(left, top, right, bottom)))
+    top = upper.clicks("frames").box[1]
+    drawing.clicks = replace(clicks, box=(left, top, right, bottom))
+    return drawing
+
+
+def _around(*lines: Float[np.ndarray, " n"], least: float) -> tuple[float, float]:
+    """Range of an axis that holds lines and 0, and at least this much to either side."""
+    low, high = min(v.min() for v in lines), max(v.max() for v in lines)
+    room = 0.05 * (high - low)
+    return min(float(low - room), -least), max(float(high + room), least)
 
 
 def certainty_plot(
     verdict: Verdict,
     radius_95_m: Float[np.ndarray, " n"],
     true_error_m: Float[np.ndarray, " n"] | None,
-) -> Picture:
+) -> Drawing:
     """Predicted error of each frame and its 95 % radius; the true error where it is known; frames with a
     reservation shaded."""
     predicted = verdict.predicted_error_m
     frames = np.arange(len(predicted))
-    figure, axes = new_chart(2.6)
-    entries: list[Entry] = [("predicted", AFTER, "-"), ("95 % radius", LIGHT, "s")]
-    axes.fill_between(frames, radius_95_m, color=LIGHT, alpha=0.6, linewidth=0, zorder=0)
-    for first, last in _joined(verdict):
-        axes.axvspan(first - 0.5, last + 0.5, color=UNMATCHED, alpha=0.2, linewidth=0, zorder=1)
-    axes.plot(frames, predicted, color=AFTER, linewidth=1.3, zorder=3)
+    known = (
+        [radius_95_m, predicted] if true_error_m is None else [radius_95_m, predicted, true_error_m]
+    )
+    most_m = max(float(v[np.isfinite(v)].max(initial=0.0)) for v in known)
+    drawing, (axes,) = new_chart(
+        187, (0.0, max(len(frames) - 1.0, 1.0)), (0.0, max(1.15 * most_m, 0.1))
+    )
+    entries: list[Entry] = [("predicted", colors.AFTER, "-"), ("95 % radius", colors.NOT_SEEN, "s")]
+    axes.band(frames, np.zeros(len(frames)), radius_95_m, colors.NOT_SEEN, 0.45)
+    is_reserved = np.zeros(len(frames), dtype=bool)
+    for first, last in [ends for each in verdict.reservations for ends in each.frames]:
+        is_reserved[first : last + 1] = True
+    axes.spans(
+        [(first - 0.5, last + 0.5) for first, last in frame_runs(is_reserved)], colors.UNMATCHED
+    )
     if true_error_m is not None:
-        axes.plot(frames, true_error_m, color=INK, linewidth=0.9, linestyle=":", zorder=2)
-        entries.append(("true", INK, ":"))
-    number_frames(axes, len(frames) - 1)
-    axes.set_ylim(0.0, max(1.1 * float(axes.get_ylim()[1]), 0.1))
-    label_axes(axes, "frame", "error of the position (m)")
+        axes.series(frames, true_error_m, colors.INK, 0.9, DOTTED)
+        entries.append(("true", colors.INK, ":"))
+    axes.series(frames, predicted, colors.AFTER, 1.3)
+    axes.rim("frame", "error of the position (m)", is_boxed=False, least_step=1)
     if verdict.reservations:
-        entries.append(("with a reservation", UNMATCHED, "s"))
-    add_legend(axes, entries)
-    return to_picture(figure, clicks_of("frames", axes))
-
-
-def _joined(verdict: Verdict) -> list[tuple[int, int]]:
-    """Runs of frames with any reservation, first and last."""
-    reserved = np.zeros(len(verdict.predicted_error_m) + 2, dtype=bool)
-    for reservation in verdict.reservations:
-        for first, last in reservation.frames:
-            reserved[first + 1 : last + 2] = True
-    # A run begins where the mask, with a frame on either side of the scan, rises, and ends where it falls.
-    borders = np.flatnonzero(np.diff(reserved))
-    return [(int(a), int(b) - 1) for a, b in borders.reshape(-1, 2)]
+        entries.append(("with a reservation", colors.UNMATCHED, "s"))
+    axes.legend(entries)
+    drawing.clicks = axes.clicks("frames")
+    return drawing
 
 
 NEAR_M, FAR_M = 0.5, 8.0
@@ -151,21 +133,18 @@ def depth_errors_m(
     return before, np.zeros_like(before), kept if is_kept.any() else spread.max(axis=0)
 
 
-def depth_error_plot(calibration: Calibration, farthest_m: float) -> Picture:
+def depth_error_plot(calibration: Calibration, farthest_m: float) -> Drawing:
     """Error (cm) over distance (m), from `NEAR_M` to the farthest point seen."""
     depths_m = np.linspace(NEAR_M, farthest_m, 100)
     before, after, sigma = (100 * e for e in depth_errors_m(calibration, depths_m))
-    figure, axes = new_chart(2.9)
-    axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
-    axes.fill_between(depths_m, after - sigma, after + sigma, color=AFTER, alpha=0.18, linewidth=0)
-    axes.plot(depths_m, before, color=BEFORE, linewidth=1.5, zorder=3)
-    axes.plot(depths_m, after, color=AFTER, linewidth=1.5, zorder=2)
-    axes.set_xlim(NEAR_M, farthest_m)
-    low, high = axes.get_ylim()
-    axes.set_ylim(min(low, -_LEAST_CM), max(high, _LEAST_CM))
-    label_axes(axes, "distance (m)", "measured less true depth (cm)")
-    add_legend(axes, [("before", BEFORE, "-"), ("after", AFTER, "-")])
-    return to_picture(figure)
+    y = _around(before, after - sigma, after + sigma, least=_LEAST_CM)
+    drawing, (axes,) = new_chart(209, (NEAR_M, farthest_m), y)
+    axes.band(depths_m, after - sigma, after + sigma, colors.AFTER, 0.18)
+    axes.series(depths_m, after, colors.AFTER, 1.5)
+    axes.series(depths_m, before, colors.BEFORE, 1.5)
+    axes.rim("distance (m)", "measured less true depth (cm)", is_boxed=False)
+    axes.legend([("before", colors.BEFORE, "-"), ("after", colors.AFTER, "-")])
+    return drawing
 
 
 def loop_closures_of(
@@ -185,18 +164,22 @@ def matches_by_frame(matches: Matches, n_frames: int) -> Int[np.ndarray, " n"]:
     return by_frame.astype(int)
 
 
-def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, " k"]) -> Picture:
+def matches_plot(keyframe_idx: Int[np.ndarray, " k"], by_frame: Int[np.ndarray, " k"]) -> Drawing:
     """Matched points of each keyframe; those without any are marked."""
-    figure, axes = new_chart(2.4, left_in=0.6)
-    axes.fill_between(keyframe_idx, by_frame, step="mid", color=AFTER, alpha=0.25, linewidth=0)
-    axes.plot(keyframe_idx, by_frame, color=AFTER, linewidth=1.0, drawstyle="steps-mid")
+    last = float(max(keyframe_idx[-1], 1))
+    drawing, (axes,) = new_chart(173, (0.0, last), (0.0, 1.05 * max(float(by_frame.max()), 1.0)))
+    # A step halfway from each keyframe to the next.
+    middles = (keyframe_idx[1:] + keyframe_idx[:-1]) / 2
+    borders = np.concatenate([keyframe_idx[:1], np.repeat(middles, 2), keyframe_idx[-1:]])
+    steps = np.repeat(by_frame, 2)
+    axes.band(borders, np.zeros(len(steps)), steps, colors.AFTER, 0.25)
+    axes.series(borders, steps, colors.AFTER, 1.0)
+    axes.rim("frame", "matched points", is_boxed=False, least_step=1)
     none = keyframe_idx[by_frame == 0]
-    axes.plot(none, np.zeros(len(none)), "s", color=UNMATCHED, markersize=4, clip_on=False)
-    number_frames(axes, int(keyframe_idx[-1]))
-    axes.set_ylim(bottom=0)
-    label_axes(axes, "frame", "matched points")
-    entries: list[Entry] = [("matched points", AFTER, "-")]
+    axes.squares(np.column_stack([none, np.zeros(len(none))]), colors.UNMATCHED, 4.0)
+    entries: list[Entry] = [("matched points", colors.AFTER, "-")]
     if len(none):
-        entries.append(("none", UNMATCHED, "s"))
-    add_legend(axes, entries)
-    return to_picture(figure, clicks_of("frames", axes))
+        entries.append(("none", colors.UNMATCHED, "s"))
+    axes.legend(entries)
+    drawing.clicks = axes.clicks("frames")
+    return drawing

@@ -7,23 +7,12 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.evaluation import PoseDifferences, Stretch
-from planfit.report.plots.drawing import (
-    AFTER,
-    BEFORE,
-    GREY,
-    INK,
-    LEGEND_IN,
-    UNMATCHED,
-    Entry,
-    Picture,
-    add_legend,
-    label_axes,
-    new_frame_charts,
-    to_picture,
-)
-from planfit.report.plots.top_view import Crop, draw_faces, draw_points, draw_scale, view_figure
+from planfit.report.plots import colors
+from planfit.report.plots.axes import LEGEND_PT, Entry, new_chart
+from planfit.report.plots.drawing import Drawing
+from planfit.report.plots.top_view import Crop, draw_points, finish_view, new_view
 
-COLOR_A, COLOR_B = BEFORE, AFTER
+COLOR_A, COLOR_B = colors.BEFORE, colors.AFTER
 
 
 @dataclass(frozen=True)
@@ -37,10 +26,8 @@ class SideView:
 
 
 def crop_to_both(a: SideView, b: SideView) -> Crop:
-    """What both cover, plus a margin; stray points are left out."""
-    parts = [a.path_xy, b.path_xy]
-    parts += [np.percentile(s.points_xy, [0.5, 99.5], axis=0) for s in (a, b) if len(s.points_xy)]
-    return Crop.around(np.concatenate(parts))
+    """What both cover."""
+    return Crop.around([a.path_xy, b.path_xy], [a.points_xy, b.points_xy])
 
 
 def draw_paths(
@@ -49,57 +36,48 @@ def draw_paths(
     plan_ends: Float[np.ndarray, "f 2 2"],
     stretches: Sequence[Stretch],
     crop: Crop,
-    width_in: float,
-) -> Picture:
+    width_pt: float,
+) -> Drawing:
     """Both paths over the plan; a thin line joins the two positions of a frame where they differ most."""
-    figure, axes = view_figure(crop, width_in, LEGEND_IN, len(plan_ends) > 0)
-    draw_faces(axes, crop, plan_ends, GREY, 0.6)
+    drawing, axes = new_view(crop, width_pt, LEGEND_PT)
+    axes.lines(plan_ends, colors.GREY, 0.6)
     for stretch in stretches:
         frames = np.arange(stretch.first, stretch.last + 1)
-        joined = np.stack([a.path_xy[frames], b.path_xy[frames]], axis=1)
-        draw_faces(axes, crop, joined, UNMATCHED, 0.8, 4)
+        axes.lines(np.stack([a.path_xy[frames], b.path_xy[frames]], axis=1), colors.UNMATCHED, 0.8)
     for side, color in ((a, COLOR_A), (b, COLOR_B)):
-        axes.plot(*side.path_xy.T, color=color, linewidth=1.1, zorder=5)
-        axes.plot(*side.path_xy[:1].T, "o", color="white", mec=color, markersize=4.5, zorder=6)
-    entries: list[Entry] = [
-        ("A (ring: start)", COLOR_A, "-"),
-        ("B", COLOR_B, "-"),
-    ]
+        axes.lines([side.path_xy], color, 1.1)
+        axes.ring(side.path_xy[0], color)
+    entries: list[Entry] = [("A (ring: start)", COLOR_A, "-"), ("B", COLOR_B, "-")]
     if stretches:
-        entries.append(("differ most", UNMATCHED, "-"))
+        entries.append(("differ most", colors.UNMATCHED, "-"))
     if len(plan_ends):
-        entries.append(("plan", GREY, "-"))
-    draw_scale(axes, crop)
-    add_legend(axes, entries)
-    return to_picture(figure)
+        entries.append(("plan", colors.GREY, "-"))
+    finish_view(axes, len(plan_ends) > 0, entries)
+    return drawing
 
 
 def draw_seen(
-    side: SideView,
-    is_b: bool,
-    plan_ends: Float[np.ndarray, "f 2 2"],
-    crop: Crop,
-    width_in: float,
-) -> Picture:
+    side: SideView, is_b: bool, plan_ends: Float[np.ndarray, "f 2 2"], crop: Crop, width_pt: float
+) -> Drawing:
     """What was seen at one set of poses, over the plan."""
-    figure, axes = view_figure(crop, width_in, 0.08, len(plan_ends) > 0)
-    draw_points(axes, crop, side.points_xy, COLOR_B if is_b else COLOR_A)
-    draw_faces(axes, crop, plan_ends, INK)
-    draw_scale(axes, crop)
-    return to_picture(figure)
+    drawing, axes = new_view(crop, width_pt, 6)
+    axes.lines(plan_ends, colors.INK, 0.7)
+    draw_points(axes, side.points_xy, COLOR_B if is_b else COLOR_A)
+    finish_view(axes, len(plan_ends) > 0)
+    return drawing
 
 
-def draw_distances(differences: PoseDifferences, stretches: Sequence[Stretch]) -> Picture:
+def draw_distances(differences: PoseDifferences, stretches: Sequence[Stretch]) -> Drawing:
     """Distance and angle between A and B, frame by frame; where they differ most is shaded."""
-    n = len(differences.distance_m)
-    figure, upper, lower = new_frame_charts(n)
-    for axes, values, what, least in (
-        (upper, differences.distance_m, "distance (m)", 0.05),
-        (lower, differences.angle_deg, "angle (deg)", 0.5),
-    ):
-        for stretch in stretches:
-            axes.axvspan(stretch.first - 0.5, stretch.last + 0.5, color=UNMATCHED, alpha=0.2, lw=0)
-        axes.plot(np.arange(n), values, color=INK, linewidth=1.2, zorder=3)
-        axes.set_ylim(0.0, max(1.05 * float(values.max()), least))
-        label_axes(axes, "frame" if axes is lower else "", what)
-    return to_picture(figure)
+    frames = np.arange(len(differences.distance_m))
+    of_both = (
+        (differences.distance_m, "distance (m)", 0.05),
+        (differences.angle_deg, "angle (deg)", 0.5),
+    )
+    limits = [(0.0, max(1.05 * float(values.max()), least)) for values, _, least in of_both]
+    drawing, axes = new_chart(260, (0.0, max(len(frames) - 1.0, 1.0)), *limits)
+    for one, (values, name, _), is_last in zip(axes, of_both, (False, True), strict=True):
+        one.spans([(s.first - 0.5, s.last + 0.5) for s in stretches], colors.UNMATCHED)
+        one.series(frames, values, colors.INK, 1.2)
+        one.rim("frame" if is_last else "", name, False, (is_last, True), least_step=1)
+    return drawing

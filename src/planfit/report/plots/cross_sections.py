@@ -8,22 +8,13 @@ from jaxtyping import Float
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
-from planfit.report.plots.drawing import (
-    AFTER,
-    BEFORE,
-    FONT_PT,
-    GREY,
-    INK,
-    PANEL_IN,
-    Picture,
-    add_axes,
-    new_figure,
-    to_picture,
-)
-from planfit.report.plots.top_view import Crop, draw_points
+from planfit.report.plots import colors
+from planfit.report.plots.axes import BOTTOM_PT, LEGEND_PT, RIGHT_PT, Axes, left_pt
+from planfit.report.plots.drawing import PANEL_PT, Box, Drawing, Words
+from planfit.report.plots.top_view import draw_points
 from planfit.report.walls import FEW_PATCHES, SeenFace
 
-_HEIGHT_IN = 3.6
+_HEIGHT_PT = 260
 _LEAST_RANGE_M, _LARGEST_RANGE_M = 0.1, 3.0
 _MAX_POINTS = 40_000
 
@@ -65,7 +56,7 @@ def cut_walls(
     return [section for _, section in scored[:max_count]]
 
 
-def draw_section(section: CrossSection) -> Picture:
+def draw_section(section: CrossSection) -> Drawing:
     """Before and after beside each other; the drawn face is the dark upright line."""
     distances = np.concatenate([section.before[:, 0], section.after[:, 0]])
     low_m, high_m = np.clip(
@@ -76,29 +67,22 @@ def draw_section(section: CrossSection) -> Picture:
         1.1 * max(float(high_m), _LEAST_RANGE_M),
     )
     top_m = max(1.0, float(np.percentile(section.after[:, 1], 99.5))) + 0.15
-    figure = new_figure(PANEL_IN, _HEIGHT_IN)
-    width_in = (PANEL_IN - 0.55 - 0.1 - 0.25) / 2
-    height_in = _HEIGHT_IN - 0.42 - 0.28
+    # Distances are stretched: centimetres matter across a wall, metres along it.
+    drawing, x, y = Drawing(PANEL_PT, _HEIGHT_PT), (low_m, high_m), (0.0, top_m)
+    between_pt = 18
+    width_pt = (PANEL_PT - left_pt(y) - RIGHT_PT - between_pt) / 2
     for k, (name, color, points) in enumerate(
-        (("before", BEFORE, section.before), ("after", AFTER, section.after))
+        (("before", colors.BEFORE, section.before), ("after", colors.AFTER, section.after))
     ):
-        left = 0.55 + k * (width_in + 0.25)
-        axes = add_axes(figure, left, 0.42, width_in, height_in)
-        axes.set_xlim(low_m, high_m)
-        axes.set_ylim(0.0, top_m)
-        # draw_points needs square cells: both axes are brought to the scale of the distances, and `extent`
-        # puts the image back. Distances are stretched: centimetres matter across a wall, metres along it.
-        square = np.array([1.0, (high_m - low_m) / width_in * height_in / top_m])
-        crop = Crop(np.array([low_m, 0.0]), np.array([high_m, top_m]) * square)
-        draw_points(axes, crop, points * square, color, (low_m, high_m, 0.0, top_m))
-        axes.axvline(0.0, color=INK, linewidth=1.0, zorder=5)
-        axes.set_title(name, fontsize=FONT_PT, color=color, fontweight="bold", pad=4)
-        axes.set_xlabel("from the drawn wall (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
-        if k == 0:
-            axes.set_ylabel("height (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
-        else:
-            axes.tick_params(labelleft=False)
-    return to_picture(figure)
+        left = left_pt(y) + k * (width_pt + between_pt)
+        box = Box(left, LEGEND_PT, left + width_pt, _HEIGHT_PT - BOTTOM_PT)
+        axes = Axes(drawing, box, x, y)
+        draw_points(axes, points, color)
+        axes.upright(np.zeros(1), colors.INK, 1.0)
+        at = left + width_pt / 2, LEGEND_PT - 6
+        drawing.items.append(Words(name, at, color, "middle", is_bold=True))
+        axes.rim("from the drawn wall (m)", "" if k else "height (m)", has_numbers=(True, not k))
+    return drawing
 
 
 def _across(

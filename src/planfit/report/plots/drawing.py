@@ -1,40 +1,30 @@
-"""Colours, axes and PNG bytes of a Matplotlib figure. No global state of matplotlib is used."""
+"""What pictures are made of: lines and areas, coloured cells, words; and how that is SVG inside a page, in
+the page's font and colours. `raster` makes files of it."""
 
-import io
-from dataclasses import dataclass
+import base64
+from dataclasses import dataclass, field
+from functools import cache
+from html import escape
+from io import BytesIO
 from typing import Literal
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
-from PIL import Image
+import shapely
+from jaxtyping import Float, UInt8
+from PIL import Image, ImageFont
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-BEFORE, AFTER = "#d55e00", "#0072b2"
-AGREES, DISPLACED, UNMATCHED, NOT_SEEN = "#009e73", "#aa3377", "#e69f00", "#b8c0c9"
-INK, GREY, LIGHT = "#1f2933", "#6b7785", "#d5dae0"
-PATH = "#7b3fa0"
-PATHS = (PATH, "#009e73", "#b8860b", "#cc3399", "#56b4e9", "#8c510a")
-"""Of several scans, one after the other."""
+from planfit.report.plots import colors
 
-PANEL_IN = 4.6
+PANEL_PT = 331
 """Width of a picture: half the page on a screen, the whole of it on a phone."""
 FONT_PT = 8.5
-DPI = 200
-LEFT_IN, RIGHT_IN, BOTTOM_IN, LEGEND_IN = 0.5, 0.08, 0.42, 0.28
-"""Room around axes: left of them, right of them, below them, and for a legend above them."""
-_CHART_LEFT_IN, _CHART_IN = 0.55, PANEL_IN - 0.75
-"""Where the axes of a chart begin, and their width."""
-
-Entry = tuple[str, str, Literal["s", "-", "--", ":"]]
-"""Of a legend: words, colour, and what stands before them, a square or a line."""
-
-
-Side = Literal["before", "after"]
-"""Of the refinement."""
+DASHED, DOTTED = (4.0, 2.0), (1.0, 2.0)
+_OF_PAGE = {
+    colors.INK: "var(--ink)", colors.GREY: "var(--soft)", colors.LIGHT: "var(--line)",
+    colors.PAPER: "var(--paper)", "": "none",
+}  # fmt: skip
+_UNITS = 10
+"""In a point: whole numbers are short, and finer than a pixel."""
 
 
 @dataclass(frozen=True)
@@ -50,123 +40,177 @@ class Clicks:
     """Values at the left and right rim of the axes."""
     y: tuple[float, float]
     """At the lower and upper rim."""
-    side: Side = "after"
-    """Where the frames are that are looked for."""
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A PNG and its size."""
+class Box:
+    """A rectangle of a drawing, pt."""
 
-    png: bytes
-    width_px: int
-    height_px: int
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height, pt."""
+        return self.right - self.left, self.bottom - self.top
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Lines of one kind, or areas."""
+
+    lines: list[Float[np.ndarray, "_ 2"]]
+    """pt."""
+    stroke: str = ""
+    """Colour of the lines; empty where there is none."""
+    width_pt: float = 1.0
+    dash_pt: tuple[float, ...] = ()
+    fill: str = ""
+    """Colour of the areas; empty where there is none. Areas are closed."""
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
+class Cells:
+    """A grid of coloured cells."""
+
+    idx: UInt8[np.ndarray, "rows columns"]
+    """Of the palette, the upper row first."""
+    palette: UInt8[np.ndarray, "c 4"]
+    """Red, green, blue, and opacity."""
+    box: Box
+
+
+@dataclass(frozen=True)
+class Words:
+    """One line of text."""
+
+    text: str
+    at: tuple[float, float]
+    """pt, on its base line."""
+    color: str = colors.INK
+    anchor: Literal["start", "middle", "end"] = "start"
+    """What of the text is there."""
+    is_bold: bool = False
+    is_upright: bool = False
+    """Read from below."""
+    size_pt: float = FONT_PT
+    is_fitted: bool = False
+    """Whether it is as wide as `width_of` says, whatever the font."""
+
+
+@dataclass
+class Drawing:
+    """A picture: what is drawn later covers what was drawn before. Lengths are in pt, from the upper left."""
+
+    width_pt: float
+    height_pt: float
+    items: list[Shape | Cells | Words] = field(default_factory=list)
     clicks: Clicks | None = None
     """None where nothing can be pressed."""
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """A white figure that belongs to no window system."""
-    figure = Figure(figsize=(width_in, height_in), dpi=DPI, facecolor="white")
-    FigureCanvasAgg(figure)
-    return figure
+@cache
+def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(10 * FONT_PT)
 
 
-def add_axes(
-    figure: Figure, left_in: float, bottom_in: float, width_in: float, height_in: float
-) -> Axes:
-    """Axes at a position in inches, quiet frame and small labels."""
-    width, height = figure.get_size_inches()
-    axes = figure.add_axes(
-        (left_in / width, bottom_in / height, width_in / width, height_in / height)
+def width_of(text: str) -> float:
+    """About how wide a text is, pt."""
+    return _font().getlength(text) / 10
+
+
+def rgb_of(color: str) -> tuple[int, int, int]:
+    """Red, green and blue of a colour written as #rrggbb."""
+    red, green, blue = bytes.fromhex(color[1:])
+    return red, green, blue
+
+
+def visible_lines(
+    lines: list[Float[np.ndarray, "_ 2"]] | Float[np.ndarray, "f k 2"], box: Box
+) -> list[Float[np.ndarray, "_ 2"]]:
+    """What of lines (pt) lies in a box, without the points that nobody would miss."""
+    # A line along the rim is seen by half of its width.
+    rim = box.left - 0.5, box.top - 0.5, box.right + 0.5, box.bottom + 0.5
+    shapes = np.array([shapely.linestrings(line) for line in lines if len(line) > 1], dtype=object)
+    inside = shapely.simplify(shapely.clip_by_rect(shapes, *rim), 0.05)
+    parts = shapely.get_parts(inside)
+    return [shapely.get_coordinates(p) for p in parts[shapely.length(parts) > 0.05]]
+
+
+def to_svg(drawing: Drawing, attributes: str = "") -> str:
+    """An element of a page; `attributes` are more of its own, as HTML."""
+    width, height = (round(_UNITS * v) for v in (drawing.width_pt, drawing.height_pt))
+    parts = [_WRITERS[type(item)](item) for item in drawing.items]
+    return (
+        f'<svg viewBox="0 0 {width} {height}" width="{width / _UNITS:g}pt" '
+        f'height="{height / _UNITS:g}pt" font-size="{_UNITS * FONT_PT:g}" role="img" {attributes}>'
+        f"{''.join(parts)}</svg>"
     )
-    axes.tick_params(labelsize=FONT_PT, colors=GREY, length=2.5, width=0.6, pad=2)
-    for spine in axes.spines.values():
-        spine.set(color=LIGHT, linewidth=0.8)
-    return axes
 
 
-def label_axes(axes: Axes, x: str, y: str) -> None:
-    """Small grey axis titles."""
-    axes.set_xlabel(x, fontsize=FONT_PT, color=GREY, labelpad=2)
-    axes.set_ylabel(y, fontsize=FONT_PT, color=GREY, labelpad=3)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+def _shape(shape: Shape) -> str:
+    path = "".join(_line(line, bool(shape.fill)) for line in shape.lines)
+    if not path:
+        return ""
+    style = f'fill="{_color(shape.fill)}"'
+    if shape.stroke:
+        style += f' stroke="{_color(shape.stroke)}" stroke-width="{_UNITS * shape.width_pt:g}"'
+    if shape.dash_pt:
+        style += f' stroke-dasharray="{" ".join(f"{_UNITS * d:g}" for d in shape.dash_pt)}"'
+    if shape.opacity < 1:
+        style += f' opacity="{shape.opacity:g}"'
+    return f'<path {style} d="{path}"/>'
 
 
-def new_chart(height_in: float, left_in: float = _CHART_LEFT_IN) -> tuple[Figure, Axes]:
-    """A figure as wide as a panel that holds one chart, with room for a legend above it."""
-    figure = new_figure(PANEL_IN, height_in)
-    return figure, add_axes(
-        figure, left_in, BOTTOM_IN, _CHART_IN, height_in - BOTTOM_IN - LEGEND_IN
+def _line(points: np.ndarray, is_closed: bool) -> str:
+    at = np.round(_UNITS * points).astype(int)
+    steps = np.diff(at, axis=0)
+    steps = steps[np.any(steps != 0, axis=1)]
+    if len(steps) == 0:
+        return ""
+    # A minus parts numbers as a blank does.
+    moves = " ".join(map(str, steps.ravel().tolist())).replace(" -", "-")
+    return f"M{at[0, 0]} {at[0, 1]}l{moves}{'z' if is_closed else ''}"
+
+
+def _cells(cells: Cells) -> str:
+    rows, columns = cells.idx.shape
+    image = Image.frombytes("P", (columns, rows), np.ascontiguousarray(cells.idx).tobytes())
+    image.putpalette(cells.palette[:, :3].tobytes())
+    file = BytesIO()
+    image.save(file, "PNG", transparency=cells.palette[:, 3].tobytes(), optimize=True)
+    data = base64.b64encode(file.getvalue()).decode("ascii")
+    box = cells.box
+    x, y, width, height = (round(_UNITS * v) for v in (box.left, box.top, *box.size))
+    return (
+        f'<image x="{x}" y="{y}" width="{width}" height="{height}" preserveAspectRatio="none" '
+        f'href="data:image/png;base64,{data}"/>'
     )
 
 
-def new_frame_charts(n_frames: int) -> tuple[Figure, Axes, Axes]:
-    """A figure with two charts over the same frames, the second one, which has the numbers, below the first;
-    a legend fits above each."""
-    figure = new_figure(PANEL_IN, 3.6)
-    height = (3.6 - BOTTOM_IN - 2 * LEGEND_IN - 0.12) / 2
-    above_in = BOTTOM_IN + height + LEGEND_IN + 0.12
-    upper = add_axes(figure, _CHART_LEFT_IN, above_in, _CHART_IN, height)
-    lower = add_axes(figure, _CHART_LEFT_IN, BOTTOM_IN, _CHART_IN, height)
-    for axes in (upper, lower):
-        axes.axhline(0.0, color=LIGHT, linewidth=0.8, zorder=1)
-        axes.set_xlim(0, max(n_frames - 1, 1))
-    upper.tick_params(labelbottom=False)
-    number_frames(lower, n_frames - 1)
-    return figure, upper, lower
-
-
-def number_frames(axes: Axes, last_frame: int) -> None:
-    """An x axis of frames, from the first to the last."""
-    axes.set_xlim(0, max(last_frame, 1))
-    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
-
-
-def add_legend(axes: Axes, entries: list[Entry]) -> None:
-    """A row above the axes."""
-    handles = [
-        Line2D(
-            [],
-            [],
-            color=color,
-            marker="s" if kind == "s" else "",
-            linestyle="none" if kind == "s" else kind,
-            markersize=5,
-            linewidth=1.3,
-            label=words,
+def _words(words: Words) -> str:
+    x, y = (round(_UNITS * v) for v in words.at)
+    style = f'fill="{_color(words.color)}"'
+    if words.anchor != "start":
+        style += f' text-anchor="{words.anchor}"'
+    if words.size_pt != FONT_PT:
+        style += f' font-size="{_UNITS * words.size_pt:g}"'
+    if words.is_bold:
+        style += ' font-weight="bold"'
+    if words.is_upright:
+        style += f' transform="rotate(-90 {x} {y})"'
+    if words.is_fitted:
+        style += (
+            f' textLength="{_UNITS * width_of(words.text):.0f}" lengthAdjust="spacingAndGlyphs"'
         )
-        for words, color, kind in entries
-    ]
-    axes.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        borderaxespad=0.15,
-        borderpad=0.2,
-        ncols=len(handles),
-        frameon=False,
-        fontsize=FONT_PT,
-        labelcolor=INK,
-        handlelength=1.5,
-        handletextpad=0.4,
-        columnspacing=1.0,
-    )
+    return f'<text x="{x}" y="{y}" {style}>{escape(words.text)}</text>'
 
 
-def clicks_of(kind: Literal["frames", "plan", "walls"], axes: Axes) -> Clicks:
-    """Where axes that are set up lie in their picture, and what they measure; for pressing it."""
-    axes.apply_aspect()
-    left, bottom, right, top = (float(v) for v in axes.get_position().extents)
-    return Clicks(kind, (left, 1.0 - top, right, 1.0 - bottom), axes.get_xlim(), axes.get_ylim())
+def _color(color: str) -> str:
+    return _OF_PAGE.get(color, color)
 
 
-def to_picture(figure: Figure, clicks: Clicks | None = None) -> Picture:
-    """Render."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    image = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
-    buffer = io.BytesIO()
-    image.save(buffer, "PNG", compress_level=6)
-    return Picture(buffer.getvalue(), image.width, image.height, clicks)
+_WRITERS = {Shape: _shape, Cells: _cells, Words: _words}

@@ -4,117 +4,102 @@ from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
-from matplotlib.collections import LineCollection
 
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report.measures import Measures
-from planfit.report.plots.drawing import (
-    AFTER,
-    AGREES,
-    BOTTOM_IN,
-    DISPLACED,
-    FONT_PT,
-    GREY,
-    LEFT_IN,
-    LEGEND_IN,
-    LIGHT,
-    NOT_SEEN,
-    UNMATCHED,
-    Entry,
-    Picture,
-    add_axes,
-    add_legend,
-    clicks_of,
-    to_picture,
-)
-from planfit.report.plots.top_view import (
-    Crop,
-    draw_faces,
-    draw_paths,
-    draw_scale,
-    view_figure,
-)
+from planfit.report.plots import colors
+from planfit.report.plots.axes import LEGEND_PT, Axes
+from planfit.report.plots.drawing import Box, Cells, Drawing, Shape, Words, rgb_of
+from planfit.report.plots.top_view import Crop, draw_label, draw_paths, finish_view, new_view
 from planfit.report.walls import SeenFace
 from planfit.scan.joined import FramesOfScan
 
 FLOOR_RANGE_M = 0.2
 """Heights (m) at which the colours of the floor end."""
 _MIN_CELL_M, _MAX_CELLS = 0.1, 160
-_BAR_IN = 0.75
+_KEY_PT = 54
 """Room for the key to these colours."""
+_FLOOR_COLORS = (
+    "#053061 #2166ac #4393c3 #92c5de #d1e5f0 #f7f7f7 #fddbc7 #f4a582 #d6604d #b2182b #67001f"
+)
+"""Of equal steps of height, blue to red; of ColorBrewer."""
+_NOTHING = "#e8ebee"
 
 
-def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_in: float) -> Picture:
+def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_pt: float) -> Drawing:
     """Median height of the floor, from above; colours end at plus and minus `FLOOR_RANGE_M`."""
-    figure, axes = view_figure(crop, width_in, 0.1, floorplan is not None, _BAR_IN)
-    axes.set_facecolor("#e8ebee")
+    drawing, axes = new_view(crop, width_pt, 7, _KEY_PT)
     columns = int(np.clip(crop.size[0] / _MIN_CELL_M, 1, _MAX_CELLS))
-    rows = max(1, round(columns * crop.height_per_width))
-    floor_xy = side.floor_points[:, :2]
-    inside = crop.contains(floor_xy)
-    cells, is_empty = np.zeros(rows * columns), np.ones(rows * columns, dtype=bool)
-    used, medians = _medians(
-        crop.cells_of(floor_xy[inside], columns, rows), side.floor_points[inside, 2]
-    )
-    cells[used], is_empty[used] = medians, False
-    image = axes.imshow(
-        np.ma.masked_array(cells, is_empty).reshape(rows, columns),
-        extent=crop.extent,
-        origin="lower",
-        interpolation="nearest",
-        cmap="RdBu_r",
-        vmin=-FLOOR_RANGE_M,
-        vmax=FLOOR_RANGE_M,
-        zorder=2,
-    )
+    shape = max(1, round(columns * crop.height_per_width)), columns
+    inside, cell = axes.cells_of(side.floor_points[:, :2], shape)
+    used, medians_m = _medians(cell, side.floor_points[inside, 2])
+    idx = np.zeros(shape, np.uint8)
+    idx.ravel()[used] = _color_idx(medians_m)
+    drawing.items.append(Cells(idx, _palette(), axes.box))
     if floorplan is not None:
-        draw_faces(axes, crop, floorplan.ends, GREY, 0.5)
-    draw_scale(axes, crop)
-    axes_width = width_in - LEFT_IN - _BAR_IN
-    axes_height = axes_width * crop.height_per_width
-    bar_height = min(axes_height, 2.6)
-    bar_axes = add_axes(
-        figure,
-        LEFT_IN + axes_width + 0.12,
-        BOTTOM_IN + (axes_height - bar_height) / 2,
-        0.1,
-        bar_height,
-    )
-    bar = figure.colorbar(image, cax=bar_axes, extend="both")
-    bar.outline.set_visible(False)  # type: ignore[operator]
-    bar.set_ticks([-0.2, -0.1, 0.0, 0.1, 0.2], labels=["−0.2", "−0.1", "0", "+0.1", "+0.2"])
-    bar.set_label("floor height (m)", fontsize=FONT_PT, color=GREY, labelpad=1)
-    return to_picture(figure, clicks_of("plan", axes))
+        axes.lines(floorplan.ends, colors.GREY, 0.5)
+    finish_view(axes, floorplan is not None)
+    _draw_key(axes)
+    drawing.clicks = axes.clicks("plan")
+    return drawing
+
+
+def _color_idx(heights_m: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Of the palette, whose first colour is that of nothing."""
+    share = np.clip(0.5 + 0.5 * heights_m / FLOOR_RANGE_M, 0.0, 1.0)
+    return 1 + np.round(254 * share).astype(int)
+
+
+def _palette() -> np.ndarray:
+    colors = np.array([rgb_of(color) for color in _FLOOR_COLORS.split()], dtype=float)
+    at, steps = np.linspace(0, len(colors) - 1, 255), np.arange(len(colors))
+    blended = np.stack([np.interp(at, steps, channel) for channel in colors.T], axis=1)
+    rgb = np.concatenate([[rgb_of(_NOTHING)], np.round(blended)]).astype(np.uint8)
+    return np.column_stack([rgb, np.full(len(rgb), 255, np.uint8)])
+
+
+def _draw_key(axes: Axes) -> None:
+    """What the colours of the floor mean, right of its map; the pointed ends go on."""
+    items, left = axes.drawing.items, axes.box.right + 9
+    middle, half = (axes.box.top + axes.box.bottom) / 2, min(axes.box.size[1], 187) / 2 - 8
+    box = Box(left, middle - half, left + 7, middle + half)
+    heights_m = np.linspace(FLOOR_RANGE_M, -FLOOR_RANGE_M, 100)
+    items.append(Cells(_color_idx(heights_m).astype(np.uint8)[:, None], _palette(), box))
+    low, *_, high = _FLOOR_COLORS.split()
+    for y, tip, color in ((box.top, box.top - 8, high), (box.bottom, box.bottom + 8, low)):
+        point = np.array([[box.left, y], [(box.left + box.right) / 2, tip], [box.right, y]])
+        items.append(Shape([point], fill=color))
+    for k, words in enumerate(("+0.2", "+0.1", "0", "−0.1", "−0.2")):
+        y = box.top + k / 4 * box.size[1]
+        items.append(Shape([np.array([[box.right, y], [box.right + 2.5, y]])], colors.GREY, 0.6))
+        items.append(Words(words, (box.right + 4.5, y + 3), colors.GREY))
+    at = axes.drawing.width_pt - 4, middle
+    items.append(Words("floor height (m)", at, colors.GREY, "middle", is_upright=True))
 
 
 def wall_map(
-    floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], crop: Crop, width_in: float
-) -> Picture:
+    floorplan: Floorplan, result: RefineResult, faces: list[SeenFace], crop: Crop, width_pt: float
+) -> Drawing:
     """Faces of the plan by what the scan says of them; numbers as in the table of walls."""
-    figure, axes = view_figure(crop, width_in, 0.08)
+    drawing, axes = new_view(crop, width_pt, 6)
     _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
-    draw_faces(axes, crop, floorplan.ends, NOT_SEEN, 0.7, 2)
-    draw_faces(axes, crop, ends[result.adjustment.association.face_idx < 0], UNMATCHED, 1.2, 3)
-    for is_displaced, color, width_pt in ((False, AGREES, 1.8), (True, DISPLACED, 2.2)):
+    axes.lines(floorplan.ends, colors.NOT_SEEN, 0.7)
+    axes.lines(ends[result.adjustment.association.face_idx < 0], colors.UNMATCHED, 1.2)
+    for is_displaced, color, line_pt in (
+        (False, colors.AGREES, 1.8),
+        (True, colors.DISPLACED, 2.2),
+    ):
         chosen = [face.face_idx for face in faces if face.is_displaced == is_displaced]
-        draw_faces(axes, crop, floorplan.ends[chosen], color, width_pt, 4)
+        axes.lines(floorplan.ends[chosen], color, line_pt)
     for face in faces:
         if face.is_displaced and crop.contains(np.array([face.middle_xy]))[0]:
-            axes.annotate(
-                str(face.number),
-                face.middle_xy,
-                xytext=(4, 4),
-                textcoords="offset points",
-                fontsize=FONT_PT - 0.5,
-                fontweight="bold",
-                color=DISPLACED,
-                bbox={"boxstyle": "round,pad=0.12", "fc": "white", "ec": "none", "alpha": 0.85},
-                zorder=6,
-            )
-    draw_scale(axes, crop)
-    return to_picture(figure, clicks_of("walls", axes))
+            x, y = axes.at(np.array(face.middle_xy)).tolist()
+            draw_label(axes, str(face.number), (x + 5, y - 5), colors.DISPLACED, colors.PAPER, 0.85)
+    finish_view(axes, True)
+    drawing.clicks = axes.clicks("walls")
+    return drawing
 
 
 def loop_closure_map(
@@ -122,21 +107,17 @@ def loop_closure_map(
     trajectory: Float[np.ndarray, "n 3"],
     loop_closures: Int[np.ndarray, "c 2"],
     crop: Crop,
-    width_in: float,
+    width_pt: float,
     scans: Sequence[FramesOfScan] = (),
-) -> Picture:
+) -> Drawing:
     """A line for each loop closure, between the camera centres (m) of its two frames."""
-    figure, axes = view_figure(crop, width_in, LEGEND_IN, len(plan_ends) > 0)
-    draw_faces(axes, crop, plan_ends, LIGHT)
+    drawing, axes = new_view(crop, width_pt, LEGEND_PT)
+    axes.lines(plan_ends, colors.LIGHT, 0.7)
+    axes.lines(trajectory[loop_closures][:, :, :2], colors.AFTER, 0.8, opacity=0.6)
     draw_paths(axes, trajectory[:, :2], scans, 0.7)
-    lines = LineCollection(
-        list(trajectory[loop_closures][:, :, :2]), colors=AFTER, linewidths=0.8, alpha=0.6, zorder=4
-    )
-    axes.add_collection(lines, autolim=False)
-    draw_scale(axes, crop)
-    entries: list[Entry] = [("loop closure, verified", AFTER, "-")]
-    add_legend(axes, entries)
-    return to_picture(figure, clicks_of("plan", axes))
+    finish_view(axes, len(plan_ends) > 0, [("loop closure, verified", colors.AFTER, "-")])
+    drawing.clicks = axes.clicks("plan")
+    return drawing
 
 
 def _medians(

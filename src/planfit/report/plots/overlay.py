@@ -1,10 +1,9 @@
 """Wall points over the plan, before and after: the whole scan, and where both differ most."""
 
-from io import BytesIO
 from textwrap import shorten
 
 import numpy as np
-from matplotlib.axes import Axes
+from jaxtyping import UInt8
 from PIL import Image
 
 from planfit.evaluation import NEAR_FACE_M
@@ -12,41 +11,23 @@ from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
-from planfit.report.plots.drawing import (
-    AFTER,
-    BEFORE,
-    BOTTOM_IN,
-    FONT_PT,
-    INK,
-    LEFT_IN,
-    LEGEND_IN,
-    PANEL_IN,
-    PATH,
-    PATHS,
-    RIGHT_IN,
-    Entry,
-    Picture,
-    add_axes,
-    add_legend,
-    clicks_of,
-    new_figure,
-    to_picture,
-)
+from planfit.report.plots import colors
+from planfit.report.plots.axes import LEGEND_PT, Axes, Entry
+from planfit.report.plots.drawing import PANEL_PT, Drawing, Words
+from planfit.report.plots.raster import to_image, to_png
 from planfit.report.plots.top_view import (
     Crop,
     Mark,
     crop_to_scan,
-    draw_faces,
     draw_mark,
     draw_paths,
     draw_points,
-    draw_scale,
-    set_up_view,
-    view_figure,
+    finish_view,
+    new_view,
 )
 
-_TITLE_IN = 0.3
-WIDE_IN = 1.9 * PANEL_IN
+_TITLE_PT = 22
+WIDE_PT = 1.9 * PANEL_PT
 """Width of a picture that takes the whole page."""
 _WIDE = 0.55
 """A scan with less height per width than this is drawn over the whole page."""
@@ -74,57 +55,50 @@ def draw_overlay(floorplan: Floorplan | None, both: BeforeAfter) -> bytes:
         floorplan: plan frame, m.
         both: of `measure` with that plan.
     """
-    return _before_and_after(floorplan, both, crop_to_scan(both))
+    return to_png(_before_and_after(floorplan, both, crop_to_scan(both)))
 
 
 def draw_overlays(result: RefineResult, both: BeforeAfter | None = None) -> dict[str, bytes]:
     """The overlay as `draw_overlay` draws it, by the name of its file; one a storey where each has a plan.
     `both` is what `measure` gives of the result, where that is at hand."""
+    return {name: to_png(image) for name, image in _overlays(result, both).items()}
+
+
+def plot_result(result: RefineResult) -> Image.Image:
+    """The overlay as a picture that notebooks show; of several storeys one above the other. What
+    `RefineResult.plot` calls."""
+    pages = list(_overlays(result, None).values())
+    return Image.fromarray(np.concatenate(pages)[:, :, ::-1])
+
+
+def _overlays(
+    result: RefineResult, both: BeforeAfter | None
+) -> dict[str, UInt8[np.ndarray, "h w 3"]]:
     both = both or measure(result.floorplan, result)
-    if result.storeys is None:
-        return {"overlay.png": draw_overlay(result.floorplan, both)}
     crop = crop_to_scan(both)
+    if result.storeys is None:
+        return {"overlay.png": _before_and_after(result.floorplan, both, crop)}
     return {
         f"overlay_{each.number}.png": _before_and_after(each.floorplan, each.both, crop)
         for each in measure_storeys(result)
     }
 
 
-def plot_result(result: RefineResult) -> Image.Image:
-    """The overlay as a picture that notebooks show; of several storeys one above the other. What
-    `RefineResult.plot` calls."""
-    pages = [Image.open(BytesIO(png)) for png in draw_overlays(result).values()]
-    sheet = Image.new("RGB", (max(p.width for p in pages), sum(p.height for p in pages)), "white")
-    top = 0
-    for page in pages:
-        sheet.paste(page, (0, top))
-        top += page.height
-    return sheet
-
-
-def _before_and_after(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> bytes:
-    columns, rows = (1, 2) if is_wide(crop) else (2, 1)
-    width = WIDE_IN if is_wide(crop) else 1.3 * PANEL_IN
-    axes_width = width - LEFT_IN - RIGHT_IN
-    axes_height = axes_width * crop.height_per_width
-    height = BOTTOM_IN + axes_height + LEGEND_IN + _TITLE_IN
-    figure = new_figure(width * columns, height * rows)
-    for k, side in enumerate((both.before, both.after)):
-        left, bottom = width * (k % columns), height * (rows - 1 - k // columns)
-        axes = add_axes(figure, left + LEFT_IN, bottom + BOTTOM_IN, axes_width, axes_height)
-        set_up_view(axes, crop, both.is_aligned)
-        draw_side(axes, floorplan, both, side, crop)
-        axes.text(
-            0.0,
-            1.0 + (LEGEND_IN + 0.06) / axes_height,
-            f"{'after' if k else 'before'}: {fit_in_words(both, side)}",
-            transform=axes.transAxes,
-            fontsize=FONT_PT,
-            fontweight="bold",
-            color=AFTER if k else BEFORE,
-            va="bottom",
-        )
-    return to_picture(figure).png
+def _before_and_after(
+    floorplan: Floorplan | None, both: BeforeAfter, crop: Crop
+) -> UInt8[np.ndarray, "h w 3"]:
+    """BGR: both sides, each under a line of its numbers."""
+    width, images = WIDE_PT if is_wide(crop) else 1.3 * PANEL_PT, []
+    for side, name, color in (
+        (both.before, "before", colors.BEFORE),
+        (both.after, "after", colors.AFTER),
+    ):
+        drawing, axes = new_view(crop, width, _TITLE_PT + LEGEND_PT)
+        draw_side(axes, floorplan, both, side)
+        words = f"{name}: {fit_in_words(both, side)}"
+        drawing.items.append(Words(words, (axes.box.left, 14), color, is_bold=True))
+        images.append(to_image(drawing))
+    return np.concatenate(images, axis=0 if is_wide(crop) else 1)
 
 
 def fit_in_words(both: BeforeAfter, side: Measures) -> str:
@@ -147,39 +121,37 @@ def side_picture(
     side: Measures,
     crop: Crop,
     marks: tuple[Mark, ...] = (),
-    width_in: float = PANEL_IN,
-) -> Picture:
+    width_pt: float = PANEL_PT,
+) -> Drawing:
     """One side alone, for a page that puts its own words beside it."""
-    figure, axes = view_figure(crop, width_in, LEGEND_IN, both.is_aligned)
-    draw_side(axes, floorplan, both, side, crop)
+    drawing, axes = new_view(crop, width_pt, LEGEND_PT)
+    draw_side(axes, floorplan, both, side)
     for mark in marks:
         draw_mark(axes, mark)
-    return to_picture(figure, clicks_of("plan", axes))
+    drawing.clicks = axes.clicks("plan")
+    return drawing
 
 
-def draw_side(
-    axes: Axes, floorplan: Floorplan | None, both: BeforeAfter, side: Measures, crop: Crop
-) -> None:
-    """Wall points, plan, path, scale and legend of one side, on axes of the crop's shape."""
+def draw_side(axes: Axes, floorplan: Floorplan | None, both: BeforeAfter, side: Measures) -> None:
+    """Wall points, plan, path, scale and legend of one side."""
     is_after = side is both.after
-    color = AFTER if is_after else BEFORE
-    draw_points(axes, crop, side.wall_xy, color)
+    color = colors.AFTER if is_after else colors.BEFORE
     entries: list[Entry] = []
     if len(side.wall_xy):
         points = "wall points" if both.has_plan else "scan"
         entries.append((f"{points} {'after' if is_after else 'before'}", color, "s"))
     if floorplan is not None and both.is_aligned:
-        draw_faces(axes, crop, floorplan.ends)
-        entries.append(("plan", INK, "-"))
+        axes.lines(floorplan.ends, colors.INK, 0.7)
+        entries.append(("plan", colors.INK, "-"))
+    draw_points(axes, side.wall_xy, color)
     draw_paths(axes, side.trajectory[:, :2], both.scans)
     if both.scans:
         # The table of the scans has all of them, in the same colours.
-        for own, color in zip(both.scans[:_NAMED_PATHS], PATHS, strict=False):
+        for own, color in zip(both.scans[:_NAMED_PATHS], colors.PATHS, strict=False):
             entries.append((shorten(own.name, _NAME_LENGTH, placeholder="…"), color, "-"))
     else:
-        entries.append(("camera path (ring: start)", PATH, "-"))
-    draw_scale(axes, crop)
-    add_legend(axes, entries)
+        entries.append(("camera path (ring: start)", colors.PATH, "-"))
+    finish_view(axes, both.is_aligned, entries)
 
 
 def choose_close_ups(both: BeforeAfter, crop: Crop, max_count: int = 3) -> tuple[Mark, ...]:

@@ -6,31 +6,26 @@ from itertools import cycle
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
-from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
-from matplotlib.ticker import MaxNLocator
 
 from planfit.report.measures import BeforeAfter
+from planfit.report.plots import colors
+from planfit.report.plots.axes import BOTTOM_PT, RIGHT_PT, Axes, Entry, left_pt, round_number
 from planfit.report.plots.drawing import (
-    BOTTOM_IN,
-    DPI,
+    DASHED,
+    DOTTED,
     FONT_PT,
-    GREY,
-    INK,
-    LEFT_IN,
-    PATH,
-    PATHS,
-    RIGHT_IN,
-    add_axes,
-    new_figure,
+    Box,
+    Drawing,
+    Shape,
+    Words,
+    width_of,
 )
 from planfit.scan.joined import FramesOfScan
 
 _GAP_M = 2.0
 """A step from frame to frame above this, and above five usual ones, is a gap in the recording."""
+_FEW, _STRAYS = 20, (0.3, 99.7)
+"""Of clouds with more points than this, those outside of these percentiles are stray."""
 
 
 @dataclass(frozen=True)
@@ -50,36 +45,22 @@ class Crop:
         """Shape."""
         return float(self.size[1] / self.size[0])
 
-    @property
-    def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom, top, m."""
-        return float(self.low[0]), float(self.high[0]), float(self.low[1]), float(self.high[1])
-
     @staticmethod
     def around(
-        points: Float[np.ndarray, "m 2"],
+        paths: Sequence[Float[np.ndarray, "_ 2"]],
+        clouds: Sequence[Float[np.ndarray, "_ 2"]],
         margin_m: float = 1.0,
         shapes: tuple[float, float] = (0.2, 1.6),
     ) -> "Crop":
-        """What holds all points (m) and a margin.
-
-        Args:
-            points: one or more.
-            margin_m: to each side.
-            shapes: least and largest height per width; a longer rectangle is widened.
-        """
+        """What holds paths, clouds but for their stray points (m), and a margin, widened to a height per
+        width between those of `shapes`."""
+        parts = [*paths, *(c for c in clouds if 0 < len(c) <= _FEW)]
+        parts += [np.percentile(c, _STRAYS, axis=0) for c in clouds if len(c) > _FEW]
+        points = np.concatenate(parts)
         low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
         size, middle = high - low, (low + high) / 2
         size = np.array([max(size[0], size[1] / shapes[1]), max(size[1], size[0] * shapes[0])])
         return Crop(middle - size / 2, middle + size / 2)
-
-    def cells_of(
-        self, inside: Float[np.ndarray, "m 2"], columns: int, rows: int
-    ) -> Int[np.ndarray, " m"]:
-        """Cell of each point that lies within, row by row from the lower left, of a grid over the crop."""
-        at = ((inside - self.low) / self.size * [columns, rows]).astype(int)
-        at = np.minimum(at, [columns - 1, rows - 1])  # the upper border belongs to the last cell
-        return at[:, 1] * columns + at[:, 0]
 
     def contains(self, xy: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " m"]:
         """Whether points lie within."""
@@ -99,128 +80,72 @@ class Mark:
     crop: Crop
 
 
-def crop_to_scan(both: BeforeAfter, shapes: tuple[float, float] = (0.2, 1.6)) -> Crop:
-    """What the scan covers before and after, plus a margin; stray points are left out.
-
-    Args:
-        both: the scan.
-        shapes: least and largest height per width; a longer crop is widened.
-    """
-    parts = []
-    for side in (both.before, both.after):
-        for points in (side.wall_xy, side.floor_points[:, :2]):
-            if len(points) > 20:
-                parts.append(np.percentile(points, [0.3, 99.7], axis=0))
-            elif len(points):
-                parts.append(points)
-        parts.append(side.trajectory[:, :2])
-    return Crop.around(np.concatenate(parts), shapes=shapes)
+def crop_to_scan(both: BeforeAfter) -> Crop:
+    """What the scan covers before and after."""
+    sides = both.before, both.after
+    clouds = [points for s in sides for points in (s.wall_xy, s.floor_points[:, :2])]
+    return Crop.around([s.trajectory[:, :2] for s in sides], clouds)
 
 
-def view_figure(
-    crop: Crop,
-    width_in: float,
-    above_in: float,
-    is_aligned: bool = True,
-    right_in: float = RIGHT_IN,
-) -> tuple[Figure, Axes]:
-    """A figure with one view of a crop, set up and true to scale, and room above and right of it (inches)."""
-    axes_width = width_in - LEFT_IN - right_in
-    axes_height = axes_width * crop.height_per_width
-    figure = new_figure(width_in, BOTTOM_IN + axes_height + above_in)
-    axes = add_axes(figure, LEFT_IN, BOTTOM_IN, axes_width, axes_height)
-    set_up_view(axes, crop, is_aligned)
-    return figure, axes
+def new_view(
+    crop: Crop, width_pt: float, above_pt: float, right_pt: float = RIGHT_PT
+) -> tuple[Drawing, Axes]:
+    """A drawing with one view of a crop, true to scale, and room above and right of it."""
+    (x0, y0), (x1, y1) = crop.low.tolist(), crop.high.tolist()
+    left, right = left_pt((y0, y1)), width_pt - right_pt
+    bottom = above_pt + (right - left) * crop.height_per_width
+    drawing = Drawing(width_pt, bottom + BOTTOM_PT)
+    return drawing, Axes(drawing, Box(left, above_pt, right, bottom), (x0, x1), (y0, y1))
 
 
-def set_up_view(axes: Axes, crop: Crop, is_aligned: bool = True) -> None:
-    """Metre axes of a crop, true to scale."""
-    axes.set_xlim(crop.low[0], crop.high[0])
-    axes.set_ylim(crop.low[1], crop.high[1])
-    axes.set_aspect("equal")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10], min_n_ticks=2))
+def finish_view(axes: Axes, is_aligned: bool, entries: Sequence[Entry] = ()) -> None:
+    """Draw the rim of a view, a bar of a round number of metres below it, and a legend above."""
     where = " in the plan" if is_aligned else ""
-    axes.set_xlabel(f"x{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
-    axes.set_ylabel(f"y{where} (m)", fontsize=FONT_PT, color=GREY, labelpad=2)
+    axes.rim(f"x{where} (m)", f"y{where} (m)")
+    draw_scale(axes)
+    axes.legend(entries)
 
 
-def draw_points(
-    axes: Axes,
-    crop: Crop,
-    xy: Float[np.ndarray, "m 2"],
-    color: str,
-    extent: tuple[float, float, float, float] | None = None,
-) -> None:
-    """Points as a density image: every point counts, and none hides another.
-
-    `extent` is where on the axes the crop is drawn (left, right, bottom, top), if not at itself.
-    """
-    width_px = axes.get_window_extent().width
-    # In an overview of a building single pixels would not be seen.
-    columns = max(1, int(width_px / (3.0 if crop.size.max() > 20.0 else 2.0)))
-    cell_m = crop.size[0] / columns
-    rows = max(1, round(crop.size[1] / cell_m))
-    inside = xy[crop.contains(xy)]
-    if len(inside) == 0:
-        return
-    counts = np.bincount(crop.cells_of(inside, columns, rows), minlength=rows * columns)
-    full = max(float(np.percentile(counts[counts > 0], 90)), 1.0)
-    image = np.ones((rows * columns, 4))
-    image[:, :3] = to_rgb(color)
-    image[:, 3] = np.where(counts > 0, 0.35 + 0.65 * np.minimum(counts / full, 1.0), 0.0)
-    axes.imshow(
-        image.reshape(rows, columns, 4),
-        extent=extent or crop.extent,
-        origin="lower",
-        interpolation="nearest",
-        aspect="auto" if extent else "equal",
-        zorder=4,
-    )
+def draw_scale(axes: Axes) -> None:
+    """A bar of a round number of metres, below a view on the right."""
+    box, size_m = axes.box, axes.x[1] - axes.x[0]
+    bar_m = round_number(0.28 * size_m)
+    left, y = box.right - bar_m / size_m * box.size[0], box.bottom + 21
+    bar = np.array([[left, y], [box.right, y]])
+    axes.drawing.items.append(Shape([bar], colors.INK, 2.0))
+    axes.drawing.items.append(Words(f"{bar_m:g} m", (left - 4, y + 3), colors.INK, "end"))
 
 
-def draw_faces(
-    axes: Axes,
-    crop: Crop,
-    ends: Float[np.ndarray, "f 2 2"],
-    color: str = INK,
-    width_pt: float = 0.7,
-    zorder: float = 3,
-) -> None:
-    """Segments (m) that meet the crop."""
-    lines = LineCollection(
-        list(ends[crop.touches(ends)]), colors=color, linewidths=width_pt, zorder=zorder
-    )
-    axes.add_collection(lines, autolim=False)
+def draw_points(axes: Axes, xy: Float[np.ndarray, "m 2"], color: str) -> None:
+    """Points as a density."""
+    # In an overview of a building the finest cells would not be seen.
+    is_overview = max(axes.x[1] - axes.x[0], axes.y[1] - axes.y[0]) > 20.0
+    axes.density(xy, color, 1.08 if is_overview else 0.72)
 
 
 def draw_paths(
-    axes: Axes,
-    xy: Float[np.ndarray, "n 2"],
-    scans: Sequence[FramesOfScan],
-    width_pt: float = 0.9,
+    axes: Axes, xy: Float[np.ndarray, "n 2"], scans: Sequence[FramesOfScan], width_pt: float = 0.9
 ) -> None:
     """The path of the camera (m), or, of several scans, that of each in a colour of its own."""
-    if not scans:
-        draw_path(axes, xy, width_pt)
-    for own, color in zip(scans, cycle(PATHS)):
-        draw_path(axes, xy[own.frames], width_pt, color)
+    walks = [xy[own.frames] for own in scans] or [xy]
+    for walk, color in zip(walks, cycle(colors.PATHS)):
+        draw_path(axes, walk, color, find_gaps(walk), width_pt, np.zeros(0, dtype=int))
 
 
 def draw_path(
-    axes: Axes, xy: Float[np.ndarray, "n 2"], width_pt: float = 0.9, color: str = PATH
+    axes: Axes,
+    xy: Float[np.ndarray, "n 2"],
+    color: str,
+    gaps: Int[np.ndarray, " g"],
+    width_pt: float,
+    jumps: Int[np.ndarray, " j"],
 ) -> None:
-    """The path of the camera, m, and where it began; dotted where the recording has a gap."""
-    gaps = find_gaps(xy)
-    # A line is broken at NaN.
-    walked = np.insert(xy, gaps + 1, np.nan, axis=0)
-    axes.plot(walked[:, 0], walked[:, 1], color=color, linewidth=width_pt, zorder=5)
-    for gap in gaps:
-        x, y = xy[gap : gap + 2].T
-        axes.plot(x, y, color=color, linewidth=width_pt, linestyle=(0, (1, 2)), zorder=5)
-    axes.plot(
-        xy[:1, 0], xy[:1, 1], "o", color="white", mec=color, markersize=4.5, mew=1.2, zorder=6
-    )
+    """A path (m) and where it begins; dotted after frames with a gap, in another colour after those with a
+    jump."""
+    axes.lines(np.split(xy, np.union1d(gaps, jumps) + 1), color, width_pt)
+    axes.lines([xy[i : i + 2] for i in gaps], color, width_pt, DOTTED)
+    axes.lines([xy[i : i + 2] for i in jumps], colors.BEFORE, width_pt)
+    axes.ring(xy[0], color)
 
 
 def find_gaps(positions: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " g"]:
@@ -233,60 +158,19 @@ def find_gaps(positions: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " g"]:
 
 def draw_mark(axes: Axes, mark: Mark) -> None:
     """A lettered frame around a window."""
-    axes.add_patch(
-        Rectangle(
-            (float(mark.crop.low[0]), float(mark.crop.low[1])),
-            *(float(v) for v in mark.crop.size),
-            fill=False,
-            edgecolor=INK,
-            linewidth=1.0,
-            linestyle=(0, (4, 2)),
-            zorder=6,
-        )
-    )
-    axes.annotate(
-        mark.letter,
-        (float(mark.crop.low[0]), float(mark.crop.high[1])),
-        xytext=(3, -3),
-        textcoords="offset points",
-        va="top",
-        fontsize=FONT_PT + 1,
-        fontweight="bold",
-        color="white",
-        bbox={"boxstyle": "round,pad=0.2", "facecolor": INK, "edgecolor": "none"},
-        zorder=7,
-    )
+    (x0, y0), (x1, y1) = mark.crop.low, mark.crop.high
+    frame = np.array([[x0, y1], [x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    axes.lines([frame], colors.INK, 1.0, DASHED)
+    left, top = axes.at(frame[0]).tolist()
+    draw_label(axes, mark.letter, (left + 4, top + 12), colors.PAPER, colors.INK)
 
 
-def draw_scale(axes: Axes, crop: Crop) -> None:
-    """A bar of a round number of metres, below the picture on the right."""
-    wanted = 0.28 * float(crop.size[0])
-    power = 10.0 ** np.floor(np.log10(wanted))
-    bar_m = max(m * power for m in (1, 2, 5) if m * power <= wanted)
-    right, bottom = float(crop.high[0]), -0.30 / _height_in(axes)
-    below = axes.get_xaxis_transform()  # x in metres, y in heights of the axes
-    axes.plot(
-        [right - bar_m, right],
-        [bottom, bottom],
-        color=INK,
-        linewidth=2.0,
-        solid_capstyle="butt",
-        transform=below,
-        clip_on=False,
-    )
-    axes.annotate(
-        f"{bar_m:g} m",
-        (right - bar_m, bottom),
-        xycoords=below,
-        xytext=(-4, 0),
-        textcoords="offset points",
-        ha="right",
-        va="center",
-        fontsize=FONT_PT,
-        color=INK,
-        annotation_clip=False,
-    )
-
-
-def _height_in(axes: Axes) -> float:
-    return axes.get_window_extent().height / DPI
+def draw_label(
+    axes: Axes, words: str, at_pt: tuple[float, float], color: str, ground: str, opacity: float = 1
+) -> None:
+    """Bold words on a ground of their own."""
+    left, bottom = at_pt[0] - 2, at_pt[1] + 2
+    right, top = left + width_of(words) + 4.5, bottom - FONT_PT - 2
+    back = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+    axes.drawing.items.append(Shape([back], fill=ground, opacity=opacity))
+    axes.drawing.items.append(Words(words, at_pt, color, is_bold=True))

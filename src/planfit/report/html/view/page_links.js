@@ -16,10 +16,12 @@ function linkNames(scene, choose) {
 // What a picture's pixel means is told by its data-clicks: the box of its axes as shares of the picture
 // (left, top, right, bottom), and the values at their rims.
 function linkPictures(scene, choose) {
-  for (const picture of document.querySelectorAll("img[data-clicks]")) {
+  for (const picture of document.querySelectorAll("svg[data-clicks]")) {
     const { kind, box, x, y, side } = JSON.parse(picture.dataset.clicks);
     picture.classList.add("view-pressable");
-    picture.title = kind === "walls" ? "press a wall to see its points" : "press to see the frame";
+    const title = document.createElementNS(picture.namespaceURI, "title");
+    title.textContent = kind === "walls" ? "press a wall to see its points" : "press to see the frame";
+    picture.prepend(title);
     picture.addEventListener("click", (event) => {
       const rim = picture.getBoundingClientRect();
       const u = ((event.clientX - rim.left) / rim.width - box[0]) / (box[2] - box[0]);
