@@ -123,7 +123,8 @@ def refine_given(given: Given) -> RefineResult:
             seen.priors,
         )
     made_of = MadeOf(asked.scan, asked.floorplan, asked.options)
-    result = replace(make_result(given, solved, validation, timer), made_of=made_of)
+    result = make_result(given, solved, validation)
+    result = replace(result, made_of=made_of, seconds_by_stage=timer.all_seconds())
     return judge_by_hand(result, given, seen, solved)
 
 

@@ -36,7 +36,7 @@ from planfit.pipeline.solve import Solved
 from planfit.pipeline.survey_residuals import survey_findings, survey_residuals
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
-from planfit.runtime import StageTimer, short_repr
+from planfit.runtime import short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Gravity, Structure
@@ -81,6 +81,7 @@ class RefineResult:
     findings: tuple[Finding, ...]
     """What a user should know before trusting the result; the verdict has its own."""
     seconds_by_stage: dict[str, float]
+    """All that it took; `other` is what was done between stages."""
     verdict: Verdict
     """What the evidence says of it: which poses to use, and which frames not to trust."""
     evidence: Evidence
@@ -168,10 +169,8 @@ def to_recorded_axes(
     return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
 
 
-def make_result(
-    given: Given, solved: Solved, validation: Validation, timer: StageTimer
-) -> RefineResult:
-    """All of it together, with what a user should know of it."""
+def make_result(given: Given, solved: Solved, validation: Validation) -> RefineResult:
+    """All of it together, with what a user should know of it; but for the time that it took."""
     scan, calibrated, surveyed = given.scan, solved.calibrated, solved.surveyed
     on_plan, adjustment = solved.on_plan, solved.adjustment
     observations, prepared = calibrated.observations, calibrated.prepared
@@ -231,7 +230,7 @@ def make_result(
                 else adjustment_findings(adjustment)
             ),
         ),
-        seconds_by_stage=timer.seconds,
+        seconds_by_stage={},
         verdict=validation.verdict,
         evidence=validation.evidence,
         tracking=observations.tracking,
