@@ -24,7 +24,7 @@ def told(path) -> str:
         ("flat.glb", "a model or a cloud without its frames", "raw data or developer export"),
         ("poses.txt", "a list, of poses perhaps", "--poses FILE"),
         ("Room.json", "a single file of JSON", "'planfit plan FILE' reads it"),
-        ("ground.dxf", "what may be a plan", "planfit refine SCAN --plan FILE"),
+        ("ground.dxf", "what may be a plan", "planfit refine SCAN FILE -o OUT"),
         ("walk.MP4", "a video alone", "Stray Scanner"),
         ("walk.svo2", "a ZED recording", "ROS bag"),
         ("scan.tar.gz", "a packed archive of another kind", "unpack it"),

@@ -127,7 +127,7 @@ def off_name(name: str) -> str:
 COMMANDS = (
     Command(
         "refine",
-        "SCAN [SCAN ...] -o OUT [--plan FILE | --no-plan]",
+        "SCAN [SCAN ...] [PLAN | --no-plan] -o OUT",
         "refine the camera poses of a scan, or of several; OUT/report.html tells how it went",
         (
             "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",

@@ -49,6 +49,7 @@ NOTHING_BY_HAND = HandChoice()
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
+    arguments = arguments.with_plan_among_scans()
     if len(arguments.scan) > 1:
         return 0 if _refine_together_files(arguments).is_refined else 1
     return 0 if refine_files(arguments).verdict.is_refined else 1

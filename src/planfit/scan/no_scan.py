@@ -28,7 +28,7 @@ _POSES = (
 )
 _PLAN = (
     "what may be a plan",
-    "give the scan first: 'planfit refine SCAN --plan FILE'; 'planfit plan FILE' shows what is read of it",
+    "give the scan first: 'planfit refine SCAN FILE -o OUT'; 'planfit plan FILE' shows what is read of it",
 )
 _VIDEO = (
     "a video alone",
