@@ -107,8 +107,7 @@ def _escaped(words: str) -> str:
     parts = words.split("`")
     for i in range(0, len(parts), 2):
         parts[i] = re.sub(r"([*_])", r"\\\1", parts[i]).replace("<", "&lt;")
-        parts[i] = re.sub(r"docs/(\w+\.md)", r"[docs/\1](\1)", parts[i])
-    return "`".join(parts)
+    return re.sub(r"`planfit help ([\w-]+)`", r"[`planfit help \1`](\1.md)", "`".join(parts))
 
 
 def group_lines(group: Group, level: int, presets: dict[str, Any] | None = None) -> list[str]:

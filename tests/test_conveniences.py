@@ -168,7 +168,7 @@ def test_presets_are_of_the_right_kinds(preset: str) -> None:
     [
         ("adjust.wals.weight", 2, "did you mean 'adjust.walls.weight'?"),
         ("walls.weight", 2, "did you mean 'adjust.walls.weight'?"),
-        ("zzzz", 2, "docs/options.md lists them all"),
+        ("zzzz", 2, "'planfit help options' lists them all"),
         ("adjust.walls.weight", "2", "TermOptions.weight: expected a number, found '2'"),
         ("adjust.walls.weight", True, "expected a number, found True"),
         ("adjust.cost", "papers", "found 'papers'"),

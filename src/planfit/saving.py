@@ -138,9 +138,9 @@ def write_run(
     errors: TruthErrors | None = None,
     timer: StageTimer | None = None,
 ) -> dict[str, float]:
-    """Write all that a run writes, and give the seconds of all its stages; of several scans what all came to, and into `scans/NAME` what a run of
-    each alone writes, but its report.
+    """Write all that a run writes, and give the seconds of all its stages.
 
+    Of several scans what all came to, and into `scans/NAME` what a run of each alone writes, but its report.
     Poses, numbers and the overlay first: they stay where what needs the images once more, clouds and report,
     is interrupted or fails.
 

@@ -42,7 +42,7 @@ class RefineArguments:
     alignment_flags: Flat[AlignmentFlags] = field(default_factory=AlignmentFlags)
     survey_flags: Flat[SurveyFlags] = field(default_factory=SurveyFlags)
     corrections: Path | None = None
-    """TOML file of corrections by hand (docs/corrections.md): places, loops, frames, walls."""
+    """TOML file of corrections by hand (`planfit help corrections`): places, loops, frames, walls."""
     without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
     """Leave out corrections that others or the scan contradict, and solve again without them; else they are
     used, as far as they can be, and named."""
@@ -77,8 +77,8 @@ class RefineArguments:
 
 
 def is_plan_file(path: Path) -> bool:
-    """Whether a path is a plan by its suffix. Folders and archives, which scans are as well, are not: a plan as
-    IMDF takes --plan."""
+    """Whether a path is a plan by its suffix. Folders and archives, which scans are as well, are not: a plan
+    as IMDF takes --plan."""
     suffix = path.suffix.lower()
     return suffix in READERS and suffix != ".zip" and not path.is_dir()
 
@@ -116,8 +116,8 @@ def read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, F
     if scan.floorplan_path is None:
         raise FloorplanError(
             f"{scan.name}: expected a floorplan inside the scan's folder, found none; "
-            "give one behind the scan ('planfit refine SCAN PLAN -o OUT'), or refine by closed loops and floor "
-            "alone with --no-plan"
+            "give one behind the scan ('planfit refine SCAN PLAN -o OUT'), or refine by closed loops and "
+            "floor alone with --no-plan"
         )
     return read_floorplan(scan.floorplan_path, arguments.plan_flags.options)
 

@@ -34,8 +34,9 @@ _MAX_PROCESSES = 4
 
 
 def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> bool:
-    """Compile the listed kernels into numba's own cache, so that it happens in no stage of a run; tells whether
-    there were any to compile.
+    """Compile the listed kernels into numba's own cache, so that it happens in no stage of a run.
+
+    True where there were any to compile.
 
     Nothing is done where the package has them ready, and nothing is said where numba has kept all. In
     processes of their own: numba compiles one at a time in each.

@@ -28,7 +28,7 @@ class ScanOptions(Changeable):
     """Choices of the readers; most formats need none."""
 
     format: str = "auto"
-    """Name of the format (docs/formats.md); `auto` tells it by what lies in the folder."""
+    """Name of the format (`planfit help formats`); `auto` tells it by what lies in the folder."""
     use_masks: bool = True
     """Whether floor and wall masks that lie beside the images are used."""
     poses: Path | None = None
