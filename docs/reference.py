@@ -340,8 +340,8 @@ def scans_page() -> str:
         "`--poses FILE` (TUM, KITTI, EuRoC, Open3D log), and its lens is that of a file with "
         "`--intrinsics FILE` (YAML of ROS or OpenCV, a camera of COLMAP, fx fy cx cy). Lenses are undone and "
         "colour is shrunk when a frame is read. Refined poses are written in the form of the scan.", "",
-        "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
-        "`planfit[record3d]`, clouds `planfit[laser]`.", "",
+        "Some need a library more: video (stray, which is depth alone without) `planfit[video]`, bags "
+        "`planfit[bag]`, record3d `planfit[record3d]`, clouds `planfit[laser]`.", "",
         "| format | told by |", "| --- | --- |",
     ]  # fmt: skip
     formats = {name: format_of(name) for name in READERS}

@@ -304,7 +304,7 @@ def test_ifc_without_ifcopenshell(tmp_path, monkeypatch):
     path = write_ifc(tmp_path / "a.ifc", WALLS)
     monkeypatch.setitem(sys.modules, "ifcopenshell", None)
     assert refusal(path) == (
-        "expected the package ifcopenshell to read IFC, found it missing; install planfit[ifc]"
+        "expected the package ifcopenshell to read IFC, found it missing; pip install 'planfit[ifc]'"
     )
 
 

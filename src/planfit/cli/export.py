@@ -56,7 +56,7 @@ class ExportArguments:
         "pdf",
     ]
     """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
-    coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), the whole `cloud` of a laser scan in its own
+    coloured `mesh` (.ply, .obj or .glb; needs `planfit[map]`), the whole `cloud` of a laser scan in its own
     format (.las, .laz, .e57), folders with images and depth (`colmap`
     model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
