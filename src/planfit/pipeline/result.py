@@ -36,7 +36,7 @@ from planfit.pipeline.solve import Solved
 from planfit.pipeline.survey_residuals import survey_findings, survey_residuals
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
-from planfit.runtime import short_repr
+from planfit.runtime import html_table, short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Gravity, Structure
@@ -109,6 +109,16 @@ class RefineResult:
     """What it was made of; None where a result was put together otherwise."""
 
     __repr__ = short_repr
+
+    def _repr_html_(self) -> str:
+        checks = [
+            (each.name, *(f"{value:.3g} {each.unit}" for value in (each.before, each.after)))
+            for each in self.checks
+        ]
+        warnings = [("warning", warning) for warning in self.warnings]
+        return html_table(self.verdict.headline, [("", "before", "after"), *checks]) + (
+            html_table("before you use it", warnings) if warnings else ""
+        )
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
         """Write all that `planfit refine` writes, its report too (docs/outputs.md).
