@@ -251,7 +251,8 @@ def commands_page() -> str:
     lines = [
         NOTE, "", "# Command line", "",
         "`planfit --help` lists the commands, `planfit COMMAND --help` the flags of one that matter, "
-        "`planfit COMMAND --help-all` every one, `planfit --version` tells the version.", "",
+        "`planfit COMMAND --help-all` every one, `planfit help TOPIC` shows a page of this "
+        "documentation, `planfit --version` tells the version.", "",
         f"Exit codes: {EXIT_CODES}. Messages of bad input are one line on stderr: the file, what was "
         "expected, what was found, the next step.", "",
         "`--config` names a TOML file of [options](options.md); flags overrule it.", "",

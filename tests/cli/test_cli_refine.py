@@ -43,12 +43,13 @@ def test_seconds_of_all_stages_are_those_of_the_run(
     assert {"read", "floor and walls", "adjust", "write poses", "write report", "other"} <= set(
         seconds
     )
-    assert abs(sum(seconds.values()) - took_s) < 1
+    # Before the run begins, words are parsed, on a busy machine for more than a second.
+    assert -0.1 < took_s - sum(seconds.values()) < 1 + 0.1 * took_s
     said = " ".join(capsys.readouterr().out.split())
     total, stages = re.findall(r"(\d+\.\d) s: ((?:[a-z ]+ \d+\.\d(?:, )?)+)", said)[0]
     named = [float(value) for value in re.findall(r"\d+\.\d", stages)]
     assert abs(sum(named) - float(total)) < 1
-    assert abs(float(total) - took_s) < 1
+    assert abs(float(total) - sum(seconds.values())) < 1
 
 
 @pytest.mark.parametrize(

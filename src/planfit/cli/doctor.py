@@ -59,7 +59,7 @@ class DoctorArguments:
     """A cache that runs share (`--cache` of refine and align): its size is told."""
     compile: bool = False
     """First compile all kernels into the installation, which otherwise happens during the first runs of each
-    user: a minute of CPU time. Needs the right to write there."""
+    user: one to two minutes of CPU time. Needs the right to write there."""
 
     @staticmethod
     def from_words(words: Sequence[str]) -> "DoctorArguments":
@@ -215,7 +215,7 @@ def _reason(error: Exception) -> str:
 
 def _kernels() -> CheckedPart:
     """Whether compiled loops are ready in the installation. They need not be: numba compiles what is not."""
-    later = "compiled in front of a first run, a minute of CPU time in all"
+    later = "compiled in front of a first run, one to two minutes of CPU time in all"
     try:
         decorator = import_module("planfit.compiled.decorator")
         ready = decorator.usable(decorator.READY)

@@ -209,7 +209,7 @@ def summarise(
     keys = f" ({n_keyframes} keyframes)" if n_keyframes < len(scan) else ""
     out.print(
         f"\n{len(scan)} frames{keys}, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{found}labels from {result.structure.back_end}"
+        f"{found}floor and walls from {result.structure.back_end}"
     )
     if len(result.surfaces):
         out.print(result.surfaces.finding.sentence)

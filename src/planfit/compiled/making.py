@@ -88,8 +88,8 @@ class _Refusing(event.Listener):
 def make_ready(folder: Path, lines: Sequence[str] | None = None) -> Ready:
     """Compile kernels into a folder, in the place of those that it holds.
 
-    In processes of their own: numba is told for which CPU to compile before it starts. All take a minute of
-    CPU time.
+    In processes of their own: numba is told for which CPU to compile before it starts. All take one to two
+    minutes of CPU time.
 
     Args:
         folder: `decorator.READY` is the package's own, which runs look into.

@@ -22,8 +22,6 @@ from planfit.scan.odometry import OdometryOptions, make_odometry
 PoseForm = Literal["tum", "kitti", "open3d", "g2o", "colmap", "nerfstudio"]
 """Files, and of the last two folders with images and depth."""
 WITH_MATCHES = ("g2o", "colmap")
-_CLOUD_POINTS = 100_000
-"""Of what viewers of those folders show first."""
 
 
 def save_poses(
@@ -105,7 +103,7 @@ def write_poses(
     """
     if to in ("colmap", "nerfstudio"):
         with whole_folder(target) as folder:
-            cloud = sample_cloud(scan, runtime, _CLOUD_POINTS)
+            cloud = sample_cloud(scan, runtime, 100_000)
             if to == "colmap":
                 write_colmap(folder, scan, poses, cloud, runtime, matches)
             else:
