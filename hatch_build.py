@@ -1,4 +1,6 @@
-"""Which wheel is built: without compiled kernels, for every system (py3-none-any), or with them, for one.
+"""What a wheel holds besides the package: the pages that `planfit help` shows, and kernels.
+
+Which wheel is built: without compiled kernels, for every system (py3-none-any), or with them, for one.
 
     python -m build                                  without: numba compiles them at their first call
     PLANFIT_KERNELS=FOLDER python -m build --wheel   with those in FOLDER, made by planfit doctor --compile
@@ -30,6 +32,8 @@ class KernelsHook(BuildHookInterface):
         folder = os.environ.get("PLANFIT_KERNELS")
         if version != "standard":  # an editable installation is its sources
             return
+        for page in (Path(self.root) / "docs").glob("*.md"):  # for planfit help
+            build_data["force_include"][str(page)] = f"planfit/pages/{page.name}"
         if not folder:
             self.app.display_info(
                 "no compiled kernels in this wheel: numba compiles them at their first call "

@@ -107,8 +107,7 @@ def _escaped(words: str) -> str:
     parts = words.split("`")
     for i in range(0, len(parts), 2):
         parts[i] = re.sub(r"([*_])", r"\\\1", parts[i]).replace("<", "&lt;")
-        parts[i] = re.sub(r"docs/(\w+\.md)", r"[docs/\1](\1)", parts[i])
-    return "`".join(parts)
+    return re.sub(r"`planfit help ([\w-]+)`", r"[`planfit help \1`](\1.md)", "`".join(parts))
 
 
 def group_lines(group: Group, level: int, presets: dict[str, Any] | None = None) -> list[str]:
@@ -252,7 +251,8 @@ def commands_page() -> str:
     lines = [
         NOTE, "", "# Command line", "",
         "`planfit --help` lists the commands, `planfit COMMAND --help` the flags of one that matter, "
-        "`planfit COMMAND --help-all` every one, `planfit --version` tells the version.", "",
+        "`planfit COMMAND --help-all` every one, `planfit help TOPIC` shows a page of this "
+        "documentation, `planfit --version` tells the version.", "",
         f"Exit codes: {EXIT_CODES}. Messages of bad input are one line on stderr: the file, what was "
         "expected, what was found, the next step.", "",
         "`--config` names a TOML file of [options](options.md); flags overrule it.", "",
@@ -341,8 +341,8 @@ def scans_page() -> str:
         "`--poses FILE` (TUM, KITTI, EuRoC, Open3D log), and its lens is that of a file with "
         "`--intrinsics FILE` (YAML of ROS or OpenCV, a camera of COLMAP, fx fy cx cy). Lenses are undone and "
         "colour is shrunk when a frame is read. Refined poses are written in the form of the scan.", "",
-        "Some need a library more: video (stray) `planfit[video]`, bags `planfit[bag]`, record3d "
-        "`planfit[record3d]`, clouds `planfit[laser]`.", "",
+        "Some need a library more: video (stray, which is depth alone without) `planfit[video]`, bags "
+        "`planfit[bag]`, record3d `planfit[record3d]`, clouds `planfit[laser]`.", "",
         "| format | told by |", "| --- | --- |",
     ]  # fmt: skip
     formats = {name: format_of(name) for name in READERS}

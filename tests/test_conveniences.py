@@ -131,6 +131,52 @@ def test_save_leaves_other_files_alone(result: planfit.RefineResult, tmp_path: P
         dataclasses.replace(result, made_of=None).save(tmp_path / "new")
 
 
+def test_notebooks_show_a_small_table_without_markup_of_names(
+    result: planfit.RefineResult,
+) -> None:
+    assert result.made_of is not None
+    scan = dataclasses.replace(result.made_of.scan, name="<script>alert(1)</script>")
+    for shown, facts in (
+        (scan, ["Scan of", "frame_ids", "&lt;script&gt;"]),
+        (result.floorplan, ["Floorplan of", "ends"]),
+        (result, [result.verdict.headline, "before", result.checks[0].name]),
+    ):
+        html = shown._repr_html_()
+        assert len(html) < 8000
+        assert "<script" not in html
+        assert all(fact in html for fact in facts)
+
+
+@pytest.mark.parametrize("form", ["tum", "kitti", "open3d", "g2o"])
+def test_poses_are_saved_as_export_writes_them(
+    form: str, result: planfit.RefineResult, tmp_path: Path
+) -> None:
+    result.save(tmp_path / "run")
+    suffix = "log" if form == "open3d" else form
+    for frame in ("world", "plan"):
+        ours, theirs = (tmp_path / f"{who}_{frame}.{suffix}" for who in ("ours", "theirs"))
+        words = ["export", str(tmp_path / "run"), "--to", form, "--frame", frame]
+        assert run([*words, "-o", str(theirs)]) == 0
+        assert planfit.save_poses(result, ours, form, frame) == ours
+        told, expected = (path.read_text().split() for path in (ours, theirs))
+        assert len(told) == len(expected)
+        # Poses of a run are those of its files, which keep nine digits.
+        apart = [(a, b) for a, b in zip(told, expected, strict=True) if a != b]
+        assert all(abs(float(a) - float(b)) < 1e-4 * max(1.0, abs(float(b))) for a, b in apart)
+
+
+def test_poses_are_not_saved_over_files_or_in_unknown_forms(
+    result: planfit.RefineResult, tmp_path: Path
+) -> None:
+    (tmp_path / "poses.tum").touch()
+    with pytest.raises(planfit.errors.OutputError, match="expected no such file"):
+        planfit.save_poses(result, tmp_path / "poses.tum")
+    with pytest.raises(OptionError, match="did you mean 'kitti'"):
+        planfit.save_poses(result, tmp_path / "new", "kity")
+    with pytest.raises(OptionError, match=r"expected a result of planfit\.refine"):
+        planfit.save_poses(dataclasses.replace(result, made_of=None), tmp_path / "new")
+
+
 def test_plot_is_a_picture(result: planfit.RefineResult) -> None:
     picture = result.plot()
     assert picture.width > 500
@@ -168,7 +214,7 @@ def test_presets_are_of_the_right_kinds(preset: str) -> None:
     [
         ("adjust.wals.weight", 2, "did you mean 'adjust.walls.weight'?"),
         ("walls.weight", 2, "did you mean 'adjust.walls.weight'?"),
-        ("zzzz", 2, "docs/options.md lists them all"),
+        ("zzzz", 2, "'planfit help options' lists them all"),
         ("adjust.walls.weight", "2", "TermOptions.weight: expected a number, found '2'"),
         ("adjust.walls.weight", True, "expected a number, found True"),
         ("adjust.cost", "papers", "found 'papers'"),

@@ -13,6 +13,7 @@ from numpy.testing import assert_allclose
 import planfit
 import reference
 from planfit.cli.speech import NAMES
+from planfit.cli.topics import topics
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.scan import ScanOptions
@@ -42,6 +43,9 @@ def test_commands_shown_parse(page: Path) -> None:
     for line in shown_commands(page.read_text()):
         words = shlex.split(re.split(r" [|>] ", line)[0], comments=True)[1:]
         if words[0] in ("COMMAND", "--help", "--version"):
+            continue
+        if words[0] == "help":
+            assert set(words[1:]) <= {*topics(), "TOPIC"}, f"{page.name}: {line}"
             continue
         types_by_name = reference.command_types()
         n_words = 2 if " ".join(words[:2]) in types_by_name else 1

@@ -388,6 +388,26 @@ def test_stages_are_timed_and_told_of():
     assert told == [("rest", 0, 0), ("rest", 1, 0), ("fail", 0, 0)]
 
 
+def test_seconds_of_stages_add_up_to_all():
+    begin = time.perf_counter()
+    timer = StageTimer(Runtime(1), begin - 1)
+    with timer.stage("outer"):
+        time.sleep(0.02)
+        with timer.stage("inner"):
+            time.sleep(0.03)
+        with timer.stage("inner"):
+            time.sleep(0.03)
+    time.sleep(0.02)
+    seconds = timer.all_seconds()
+    took_s = 1 + time.perf_counter() - begin
+    assert list(seconds) == ["read", "inner", "outer", "other"]
+    assert seconds["read"] == pytest.approx(1, abs=0.01)
+    assert seconds["inner"] >= 0.06
+    assert 0.02 <= seconds["outer"] < took_s - 1 - 0.06
+    assert seconds["other"] >= 0.02
+    assert sum(seconds.values()) == pytest.approx(took_s, abs=0.01)
+
+
 def halves(i):
     return {"small": np.array([i]), "large": np.arange(4.0).reshape(2, 2) + i}
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from planfit.evaluation import Truth as Truth
     from planfit.evaluation import compare as compare
     from planfit.evaluation import evaluate as evaluate
+    from planfit.export.poses import save_poses as save_poses
     from planfit.floorplan import Floorplan as Floorplan
     from planfit.floorplan import PlanOptions as PlanOptions
     from planfit.floorplan import read_floorplan as read_floorplan
@@ -46,6 +47,7 @@ _NAMES = {
         "compare",
         "evaluate",
     ),
+    "planfit.export.poses": ("save_poses",),
     "planfit.floorplan": ("Floorplan", "PlanOptions", "read_floorplan"),
     "planfit.lsq": ("Problem", "Term"),
     "planfit.matching": ("Matches",),

@@ -1,5 +1,6 @@
 """Everything that a run writes into its folder: poses, clouds, pictures, record, report (docs/outputs.md)."""
 
+import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -12,7 +13,7 @@ from planfit.errors import OptionError
 from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
 from planfit.export.option_files import plain, scan_options_record, to_toml
 from planfit.export.record import make_record
-from planfit.export.write import write_clouds, write_results
+from planfit.export.write import record_text, write_clouds, write_results
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.depth_unit import in_unit
@@ -28,8 +29,8 @@ from planfit.report.plots.scan_view import at_camera_height
 from planfit.report.scene.make import make_scene
 from planfit.report.scene.pictures import make_pictures
 from planfit.report.scene.scene import Scene
-from planfit.runtime import Runtime
-from planfit.runtime.run_folder import RunFolder
+from planfit.runtime import Runtime, StageTimer, write_whole
+from planfit.runtime.run_folder import RECORD, RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan
 
 REPORT = "report.html"
@@ -135,10 +136,11 @@ def write_run(
     result: RefineResult | TogetherResult,
     runtime: Runtime,
     errors: TruthErrors | None = None,
-) -> None:
-    """Write all that a run writes; of several scans what all came to, and into `scans/NAME` what a run of
-    each alone writes, but its report.
+    timer: StageTimer | None = None,
+) -> dict[str, float]:
+    """Write all that a run writes, and give the seconds of all its stages.
 
+    Of several scans what all came to, and into `scans/NAME` what a run of each alone writes, but its report.
     Poses, numbers and the overlay first: they stay where what needs the images once more, clouds and report,
     is interrupted or fails.
 
@@ -148,28 +150,33 @@ def write_run(
         result: what it found.
         runtime: threads and progress.
         errors: against true poses, where these are known, for the report.
+        timer: of what was done before and is not in the result's own times, such as reading.
     """
+    timer = timer or StageTimer(runtime)
     whole, more = _whole(result), {}
     if isinstance(result, TogetherResult):
         assert whole.made_of is not None
         inputs, more = replace(inputs, scan=whole.made_of.scan), _scans_record(result)
-    both = None if whole.floorplan is None else measure(whole.floorplan, whole)
-    runtime.report("write poses", 0, 0)
-    with run.writing(to_come=[REPORT]) as staging:
+    timer.add(whole.seconds_by_stage)
+    with timer.stage("write poses"), run.writing(to_come=[REPORT]) as staging:
+        both = None if whole.floorplan is None else measure(whole.floorplan, whole)
         _write_numbers(staging, inputs, whole, both, more)
         if isinstance(result, TogetherResult):
             _write_scans(staging / SCANS, inputs, result, run.cache_dir)
-    runtime.report("write poses", 1, 0)
-    views = _result_views(inputs, whole, runtime)
-    runtime.report("write report", 0, 0)
-    with run.writing(has_begun=True) as staging:
-        _write_views(staging, inputs, whole, both, views, errors)
-        if isinstance(result, TogetherResult):
-            shutil.copytree(run.path / SCANS, staging / SCANS)
-            placed = [each.result for each in result.scans if each.result is not None]
-            for own, each in zip(whole.scans, placed, strict=True):
-                write_clouds(staging / SCANS / own.name, each, views.cloud.of_frames(own.frames))
-    runtime.report("write report", 1, 0)
+    with timer.stage("write report"):
+        views = _result_views(inputs, whole, runtime)
+        with run.writing(has_begun=True) as staging:
+            _write_views(staging, inputs, whole, both, views, errors)
+            if isinstance(result, TogetherResult):
+                shutil.copytree(run.path / SCANS, staging / SCANS)
+                placed = [each.result for each in result.scans if each.result is not None]
+                for own, each in zip(whole.scans, placed, strict=True):
+                    cloud = views.cloud.of_frames(own.frames)
+                    write_clouds(staging / SCANS / own.name, each, cloud)
+    seconds = timer.all_seconds()
+    record = json.loads((run.path / RECORD).read_text(encoding="utf-8"))
+    write_whole(run.path / RECORD, record_text(record | {"seconds_by_stage": seconds}))
+    return seconds
 
 
 def _whole(result: RefineResult | TogetherResult) -> RefineResult:

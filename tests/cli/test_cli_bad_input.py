@@ -177,7 +177,7 @@ def test_missing_plan_says_how_to_give_one(
     shutil.move(spoiled_scan / "floorplan.npy", tmp_path / "plan.npy")
     out = str(tmp_path / "out")
     assert run(["refine", str(spoiled_scan), "-o", out]) == 2
-    assert "--plan FILE" in capsys.readouterr().err
+    assert "planfit refine SCAN PLAN -o OUT" in capsys.readouterr().err
     words = ["refine", str(spoiled_scan), "-o", out, "--plan", str(tmp_path / "plan.npy")]
     assert run([*words, "--report.no-has-view"]) == 0
 

@@ -141,7 +141,8 @@ def test_an_unknown_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     put(tmp_path / "scan" / "letter.doc", b"")
     message = refused(capsys, "refine", tmp_path / "scan", "-o", tmp_path / "out")
     assert message.startswith(
-        f"{tmp_path}/scan: expected a scan, found none; docs/scan-formats.md describes what is read: facap, "
+        f"{tmp_path}/scan: expected a scan, found none; 'planfit help scan-formats' describes what is "
+        "read: facap, "
     )
     assert len(message) < 400
     assert not (tmp_path / "out").exists()

@@ -105,10 +105,10 @@ def test_compiled_kernels_are_made_and_told(
         assert run(["doctor", "--json", *words]) == 0
         return findings(capsys.readouterr().out)["kernels"]["found"]
 
-    assert told().startswith("none ready: none are here; each is compiled at its first call")
+    assert told().startswith("none ready: none are here; each is compiled in front of a first run")
     assert re.fullmatch("1 ready, compiled ahead for [a-z0-9-]+", told("--compile"))
     (tmp_path / "kernels.bin").write_bytes(b"spoilt")
-    assert "; 1 of them spoilt: each is compiled at its first call" in told("--no-compile")
+    assert "; 1 of them spoilt: each is compiled in front of a first run" in told("--no-compile")
 
 
 def test_a_switch_of_doctor_takes_no_value(capsys: pytest.CaptureFixture[str]) -> None:

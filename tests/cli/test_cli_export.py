@@ -227,7 +227,7 @@ def test_a_mesh_without_open3d_says_what_to_install(
     assert run(words) == 2
     message = capsys.readouterr().err
     assert message.startswith("planfit: meshes: expected the library Open3D, found none (")
-    assert message.endswith("; install planfit[map]\n")
+    assert message.endswith("; pip install 'planfit[map]'\n")
     assert not list(tmp_path.iterdir())
 
 

@@ -77,7 +77,7 @@ def test_both_ways_are_named_where_there_is_no_plan(spoiled_scan: Path, tmp_path
     (spoiled_scan / "floorplan.npy").unlink()
     assert run(["refine", str(spoiled_scan), "-o", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
-    assert "--plan FILE" in error
+    assert "planfit refine SCAN PLAN -o OUT" in error
     assert "--no-plan" in error
 
 

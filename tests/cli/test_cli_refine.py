@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from numpy.testing import assert_allclose
 import planfit
 from finding_records import check_findings
 from planfit.cli import run
+from planfit.cli.parser import parse
+from planfit.cli.refine import RefineArguments
 from planfit.compiled.making import COMPILING
 from planfit.evaluation import position_errors
 from planfit.export.write import FILES
@@ -25,8 +28,56 @@ from planfit.scan import read_scan, read_tum, write_tum
 @pytest.fixture(scope="module")
 def finished(small_scan: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run") / "out"
-    assert run(["refine", str(small_scan), "-o", str(out)]) == 0
+    assert run(["refine", str(small_scan), str(small_scan / "floorplan.npy"), "-o", str(out)]) == 0
     return out
+
+
+def test_seconds_of_all_stages_are_those_of_the_run(
+    small_scan: Path, tmp_path: Path, brief: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin = time.perf_counter()
+    assert run(["refine", str(small_scan), "-o", str(tmp_path), *brief]) == 0
+    took_s = time.perf_counter() - begin
+    seconds = json.loads((tmp_path / "run.json").read_text())["seconds_by_stage"]
+    assert min(seconds.values()) >= 0
+    assert {"read", "floor and walls", "adjust", "write poses", "write report", "other"} <= set(
+        seconds
+    )
+    # Before the run begins, words are parsed, on a busy machine for more than a second.
+    assert -0.1 < took_s - sum(seconds.values()) < 1 + 0.1 * took_s
+    said = " ".join(capsys.readouterr().out.split())
+    total, stages = re.findall(r"(\d+\.\d) s: ((?:[a-z ]+ \d+\.\d(?:, )?)+)", said)[0]
+    named = [float(value) for value in re.findall(r"\d+\.\d", stages)]
+    assert abs(sum(named) - float(total)) < 1
+    assert abs(float(total) - sum(seconds.values())) < 1
+
+
+@pytest.mark.parametrize(
+    ("words", "scans", "plan"),
+    [
+        (["march", "plan.png"], ["march"], ["plan.png"]),
+        (["plan.PDF", "march", "june.zip"], ["march", "june.zip"], ["plan.PDF"]),
+        (["march", "june", "--plan", "plan.png"], ["march", "june"], ["plan.png"]),
+        (["walk.las", "walls.dxf"], ["walk.las"], ["walls.dxf"]),
+        (["imdf.zip", "march"], ["imdf.zip", "march"], []),
+        (["plan.png"], ["plan.png"], []),
+    ],
+    ids=lambda value: " ".join(value),
+)
+def test_a_plan_among_the_scans_is_the_plan(
+    words: list[str], scans: list[str], plan: list[str]
+) -> None:
+    told = parse(RefineArguments, "planfit refine", [*words, "-o", "OUT"]).with_plan_among_scans()
+    assert [*map(str, told.scan)] == scans
+    assert list(told.plan) == plan
+
+
+@pytest.mark.parametrize("more", [["b.dxf"], ["--plan", "b.dxf"]], ids=lambda value: value[0])
+def test_two_plans_are_refused_with_how_storeys_are_written(more: list[str], capsys) -> None:
+    assert run(["refine", "march", "a.png", *more, "-o", "OUT"]) == 2
+    error = capsys.readouterr().err
+    assert "found a.png and b.dxf" in error
+    assert "--plan 0=FILE" in error
 
 
 def test_every_file_of_the_outputs_page_is_written(finished: Path) -> None:
@@ -356,7 +407,7 @@ def test_help_and_version_and_unknown_commands(capsys) -> None:
     from planfit import __version__
 
     assert run(["--help"]) == 0
-    assert "refine SCAN [SCAN ...] -o OUT" in capsys.readouterr().out
+    assert "refine SCAN [SCAN ...] [PLAN | --no-plan] -o OUT" in capsys.readouterr().out
     assert run(["--version"]) == 0
     assert __version__ in capsys.readouterr().out
     assert run(["refyne"]) == 2

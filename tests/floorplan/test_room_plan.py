@@ -173,7 +173,7 @@ def test_usdz_without_usd_core_says_what_to_install(tmp_path: Path, monkeypatch,
     (tmp_path / "Room.usdz").write_bytes(b"PK")
     assert run(["plan", str(tmp_path / "Room.usdz")]) == 2
     told = capsys.readouterr().err
-    assert "install planfit[usd]" in told
+    assert "pip install 'planfit[usd]'" in told
     assert "give the JSON" in told
 
 

@@ -255,9 +255,33 @@ def test_a_unit_given_that_is_absurd_is_refused(tmp_path):
     path = write_dxf(tmp_path / "a.dxf", WALLS, 1.0, insunits=0)
     size = np.ptp(np.array(WALLS.bounds).reshape(2, 2), axis=0).max()
     assert refusal(path, PlanOptions(unit="mm")) == (
-        f"expected a building of 1.5 to 2000 m, found {size / 1000:.4g} m with --unit; pass the "
-        "unit of the drawing, or `--unit unknown` to leave its scale to the alignment"
+        f"expected a building of 1.5 to 2000 m, found {size / 1000:.4g} m with --unit; it would be "
+        f"{size:.3g} m with --unit m, {0.3048 * size:.3g} m with --unit ft, or leave its scale to the "
+        "alignment with --unit unknown"
     )
+
+
+def test_dxf_in_feet_that_says_no_unit_is_read_in_feet(tmp_path):
+    path = write_dxf(tmp_path / "a.dxf", WALLS, 0.3048, insunits=0)
+    plan = read_floorplan(path)
+    assert plan.source.unit == "ft"
+    assert max(plan.size) == pytest.approx(
+        max(read_floorplan(write_dxf(tmp_path / "b.dxf", WALLS)).size)
+    )
+    said = refusal(path, PlanOptions(unit="mm"))
+    assert f"{max(plan.size):.3g} m with --unit ft" in said
+
+
+def test_a_plan_whose_numbers_are_no_metres_is_told_what_would_fit(tmp_path):
+    path = tmp_path / "plan.npy"
+    room = np.array(
+        [[0, 0, 4000, 0], [4000, 0, 4000, 3000], [4000, 3000, 0, 3000], [0, 3000, 0, 0]]
+    )
+    np.save(path, room.astype(float))
+    said = refusal(path)
+    assert "found 4000 x 3000; it would be 40 m with --unit cm, 4 m with --unit mm, " in said
+    assert "1.22e+03 m with --unit ft" in said
+    assert max(read_floorplan(path, PlanOptions(unit="mm")).size) == pytest.approx(4)
 
 
 def test_a_layer_that_is_not_there(tmp_path):
@@ -304,7 +328,7 @@ def test_ifc_without_ifcopenshell(tmp_path, monkeypatch):
     path = write_ifc(tmp_path / "a.ifc", WALLS)
     monkeypatch.setitem(sys.modules, "ifcopenshell", None)
     assert refusal(path) == (
-        "expected the package ifcopenshell to read IFC, found it missing; install planfit[ifc]"
+        "expected the package ifcopenshell to read IFC, found it missing; pip install 'planfit[ifc]'"
     )
 
 

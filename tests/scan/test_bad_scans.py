@@ -53,7 +53,7 @@ def refused(path, *words, **options):
 
 def test_an_unknown_folder_says_what_was_looked_for(tmp_path):
     put(tmp_path / "letter.doc", b"")
-    message = refused(tmp_path, str(tmp_path), "docs/scan-formats.md")
+    message = refused(tmp_path, str(tmp_path), "'planfit help scan-formats'")
     for name in READERS:
         assert f" {name}" in message
 

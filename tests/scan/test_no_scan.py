@@ -24,12 +24,12 @@ def told(path) -> str:
         ("flat.glb", "a model or a cloud without its frames", "raw data or developer export"),
         ("poses.txt", "a list, of poses perhaps", "--poses FILE"),
         ("Room.json", "a single file of JSON", "'planfit plan FILE' reads it"),
-        ("ground.dxf", "what may be a plan", "planfit refine SCAN --plan FILE"),
+        ("ground.dxf", "what may be a plan", "planfit refine SCAN FILE -o OUT"),
         ("walk.MP4", "a video alone", "Stray Scanner"),
         ("walk.svo2", "a ZED recording", "ROS bag"),
         ("scan.tar.gz", "a packed archive of another kind", "unpack it"),
         ("plan.png", "a picture", "'planfit plan FILE'"),
-        ("walk.xyz1", "a file", "docs/scan-formats.md"),
+        ("walk.xyz1", "a file", "planfit help scan-formats"),
     ],
 )
 def test_a_file_of_another_kind(tmp_path, name, what, step):
@@ -71,7 +71,7 @@ def test_a_bag_in_a_folder_is_named(tmp_path):
         (["a.jpg", "b.JPG"], "2 pictures, and neither depth nor poses", "give depth and poses too"),
         (["flat.obj", "flat.mtl"], "a model or a cloud without its frames (flat.obj)", "raw data"),
         (["walk.mov", "notes.doc"], "a video alone (walk.mov)", "give depth and poses too"),
-        ([], "an empty folder", "docs/scan-formats.md describes"),
+        ([], "an empty folder", "'planfit help scan-formats' describes"),
     ],
 )  # fmt: skip
 def test_a_folder_of_other_things(tmp_path, names, what, step):

@@ -2,6 +2,7 @@
 
 import json
 import re
+import sys
 from dataclasses import replace
 
 import cv2
@@ -251,6 +252,31 @@ def test_stray_scanner_with_depth_as_numbers_in_millimetres(sample, tmp_path, ki
     scan = read_scan(tmp_path, options=ScanOptions(min_confidence=0))
     assert (len(scan), scan.warnings) == (N, ())
     assert_allclose(scan.files.depth(2), half_size(sample, 2), atol=1e-5)
+
+
+def test_stray_scanner_without_the_library_for_its_video_is_depth_alone(
+    sample, tmp_path, monkeypatch
+):
+    pytest.importorskip("av")
+    write_stray(tmp_path, sample)
+    options = ScanOptions(min_confidence=0)
+    whole = read_scan(tmp_path, options=options)
+    monkeypatch.setitem(sys.modules, "av", None)
+    scan = read_scan(tmp_path, options=options)
+    assert not scan.has_color
+    assert scan.files.color(2) is None
+    (warning,) = scan.warnings
+    assert "pip install 'planfit[video]'" in warning
+    assert_allclose(scan.world_from_cams, whole.world_from_cams)
+    depth_m = np.where(sample.small_mm[2] > 0, sample.small_mm[2] / 1000, np.nan)
+    assert_allclose(scan.files.depth(2), depth_m, atol=1e-5)
+    camera, of_colour = scan.cameras[2], whole.cameras[2].scaled(WIDTH // 2, HEIGHT // 2)
+    assert (camera.width, camera.height) == (WIDTH // 2, HEIGHT // 2)
+    assert_allclose(camera.matrix, of_colour.matrix)
+    assert scan.fingerprint != whole.fingerprint
+    (tmp_path / "rgb.mp4").write_bytes(b"cut off")
+    with pytest.raises(ScanError, match="expected a video"):
+        read_scan(tmp_path)
 
 
 def test_3d_scanner_app_is_read_in_the_order_of_its_numbers(sample, tmp_path):

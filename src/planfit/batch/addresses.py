@@ -164,8 +164,8 @@ def _told(address: str) -> Iterator[None]:
         ) from error
     except ImportError as error:
         raise OptionError(
-            f"{address}: expected the library of this kind of address, found none ({error}); install it, "
-            "or planfit[remote]"
+            f"{address}: expected the library of this kind of address, found none ({error}); install it: "
+            "pip install 'planfit[remote]' has those of s3 and https"
         ) from error
     except ValueError as error:
         raise OptionError(f"{address}: expected an address that fsspec knows ({error})") from error

@@ -37,7 +37,7 @@ class BatchArguments:
 
     jobs: tyro.conf.Positional[Path]
     """List of jobs (CSV, TOML or JSON): name, scan, plan, and any option of `planfit refine`; see
-    docs/batch.md."""
+    `planfit help batch`."""
     out: Out[Path]
     """Folder for the results."""
     workers: int = field(default_factory=lambda: os.cpu_count() or 1)

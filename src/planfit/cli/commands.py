@@ -127,7 +127,7 @@ def off_name(name: str) -> str:
 COMMANDS = (
     Command(
         "refine",
-        "SCAN [SCAN ...] -o OUT [--plan FILE | --no-plan]",
+        "SCAN [SCAN ...] [PLAN | --no-plan] -o OUT",
         "refine the camera poses of a scan, or of several; OUT/report.html tells how it went",
         (
             "plan", "no-plan", "unit", "scale", "storey", "poses", "calibration", "preset", "config",
@@ -235,7 +235,7 @@ COMMANDS = (
 COMMANDS_BY_NAME = {command.name: command for command in COMMANDS}
 
 
-_WIDTH = 80
+WIDTH = 80
 """Columns of the narrowest terminal in use: 80, as of the VT100."""
 
 
@@ -245,7 +245,7 @@ def overview() -> str:
     for command in COMMANDS:
         lines.append(f"  {command.name} {command.usage}")
         lines += textwrap.wrap(
-            command.summary, _WIDTH - 1, initial_indent=" " * 6, subsequent_indent=" " * 6
+            command.summary, WIDTH - 1, initial_indent=" " * 6, subsequent_indent=" " * 6
         )
     return "\n".join(
         [
@@ -257,8 +257,9 @@ def overview() -> str:
             *lines,
             "",
             f"every command also takes {EVERYWHERE}",
-            "'planfit COMMAND --help' shows the options that matter, --help-all every one.",
-            *textwrap.wrap(f"exit codes: {EXIT_CODES}", _WIDTH - 1),
+            "'planfit COMMAND --help' shows the options that matter, --help-all every one;",
+            "'planfit help TOPIC' a page of the documentation, 'planfit help' lists them.",
+            *textwrap.wrap(f"exit codes: {EXIT_CODES}", WIDTH - 1),
             "",
         ]
     )

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 from planfit.cli.commands import COMMANDS_BY_NAME, HELP
 from planfit.cli.speech import NAMES
+from planfit.cli.topics import topics
 from planfit.errors import OptionError, did_you_mean
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -85,7 +86,9 @@ def completions(words: Sequence[str]) -> list[str]:
     *before, last = words or [""]
     found: list[str] = []
     if not before:
-        found = [*COMMANDS_BY_NAME, "--help", "--version"]
+        found = [*COMMANDS_BY_NAME, "help", "--help", "--version"]
+    elif before == ["help"]:
+        found = [*topics(), *COMMANDS_BY_NAME]
     elif before[0] in COMMANDS_BY_NAME:
         known = COMMANDS_BY_NAME[before[0]].known_flags()
         found = [*known[before[-1]].choices] if before[-1] in known else []

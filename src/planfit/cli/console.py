@@ -23,6 +23,10 @@ _NAMED = FEW_NAMED
 _LOG_WIDTH = 160
 SHOWN_FROM_S = 0.05
 """Stages that took less are left out: with one digit they would be told as 0.0 s."""
+COMPILED = (
+    "note: inner loops were compiled for this user, the next run has them; 'planfit doctor --compile' does "
+    "so for all users"
+)
 
 
 class Console(RichConsole):

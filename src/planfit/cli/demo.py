@@ -64,14 +64,14 @@ def demo_command(arguments: DemoArguments) -> int:
             lambda done, total: bars.update("render scan", done, total),
             arguments.workers,
         )
-    render_seconds = time.perf_counter() - begin
+    rendered = time.perf_counter()
     scan = read_scan(scan_folder)
     floorplan = read_floorplan(scan_folder / "floorplan.npy")
     _, true_world_from_cams = read_tum(scan_folder / "groundtruth.tum")
 
     truth_of = partial(_truth_errors, scan, true_world_from_cams)
     inputs = RunInputs(scan, floorplan, RefineOptions(), ScanOptions())
-    result = refine_into(run_folder, inputs, arguments.workers, True, truth_of)
+    result = refine_into(run_folder, inputs, arguments.workers, True, truth_of, begun=rendered)
     errors = truth_of(result)
     metrics = surface_metrics(
         result.structure, floorplan, result.initial_plan_from_cams, result.plan_from_cams
@@ -91,7 +91,7 @@ def demo_command(arguments: DemoArguments) -> int:
     out.print()
     title = f"{len(scan)} frames, {walked:.0f} m walked through a building with {len(floorplan)} wall faces"
     out.print(table(title, ["", "before", "after"], rows))
-    seconds = {"render scan": render_seconds, **result.seconds_by_stage}
+    seconds = {"render scan": rendered - begin, **result.seconds_by_stage}
     stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > SHOWN_FROM_S]
     out.print()
     out.print(table("time per stage", ["", ""], stages))

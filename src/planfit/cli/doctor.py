@@ -59,7 +59,7 @@ class DoctorArguments:
     """A cache that runs share (`--cache` of refine and align): its size is told."""
     compile: bool = False
     """First compile all kernels into the installation, which otherwise happens during the first runs of each
-    user: half a minute on two cores. Needs the right to write there."""
+    user: one to two minutes of CPU time. Needs the right to write there."""
 
     @staticmethod
     def from_words(words: Sequence[str]) -> "DoctorArguments":
@@ -103,7 +103,7 @@ def doctor_command(arguments: DoctorArguments) -> int:
     """
     if arguments.compile:
         package = import_module("planfit.compiled.decorator").READY
-        print("compiling kernels takes half a minute on two cores", file=sys.stderr, flush=True)
+        print("compiling kernels takes a minute or two", file=sys.stderr, flush=True)
         import_module("planfit.compiled.making").make_ready(package)
     findings = [
         *_system(),
@@ -215,7 +215,7 @@ def _reason(error: Exception) -> str:
 
 def _kernels() -> CheckedPart:
     """Whether compiled loops are ready in the installation. They need not be: numba compiles what is not."""
-    later = "compiled at its first call, half a minute in all"
+    later = "compiled in front of a first run, one to two minutes of CPU time in all"
     try:
         decorator = import_module("planfit.compiled.decorator")
         ready = decorator.usable(decorator.READY)

@@ -48,7 +48,7 @@ _SHOWN_UNITS: dict[str, str] = {"1": "", "cm^2": "cm²", "deg": "°"}
 @dataclass(frozen=True)
 class EvaluateArguments:
     """How good the poses of a scan are, before and after: by the map they make, against the plan, and against
-    true poses and a true scan where there are any. docs/metrics.md defines each metric. With --poses, these
+    true poses and a true scan where there are any; `planfit help metrics` defines each. With --poses, these
     are those after: of a scan, which is read by the flags of a scan, or of a run's scan, which is read as the
     run read it and held to the run's plan at the run's scale."""
 

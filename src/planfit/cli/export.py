@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 import tyro
@@ -18,21 +18,16 @@ from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require, require_positive
 from planfit.export.as_built_files import AS_BUILT_WRITERS
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
-from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.matches_file import read_matches
 from planfit.export.mesh import check_suffix as check_mesh_suffix
 from planfit.export.mesh import fuse_mesh, load_open3d, write_mesh
 from planfit.export.pdf import find_browser, print_page
-from planfit.export.write import write_kitti, write_pose_graph
+from planfit.export.poses import WITH_MATCHES, PoseForm, free_target, write_poses
 from planfit.geometry import se3
-from planfit.runtime import Runtime, whole_file, whole_folder
+from planfit.runtime import Runtime, whole_file
 from planfit.runtime.run_folder import RECORD
-from planfit.scan import Scan, ScanOptions, read_scan, write_tum
-from planfit.scan.formats.pose_lists import write_log
-from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.scan.views import write_cloud
-
-FOLDERS = ("colmap", "nerfstudio")
 
 
 @dataclass(frozen=True)
@@ -56,7 +51,7 @@ class ExportArguments:
         "pdf",
     ]
     """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
-    coloured `mesh` (.ply, .obj or .glb; needs planfit[map]), the whole `cloud` of a laser scan in its own
+    coloured `mesh` (.ply, .obj or .glb; needs `planfit[map]`), the whole `cloud` of a laser scan in its own
     format (.las, .laz, .e57), folders with images and depth (`colmap`
     model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
@@ -77,9 +72,7 @@ class ExportArguments:
 
 def export_command(arguments: ExportArguments) -> int:
     """Read, write, tell."""
-    target = _named(arguments.out, arguments.to)
-    if target.exists() or target.is_symlink():
-        raise OutputError(f"{target}: expected no such file or folder; choose another with -o")
+    target = free_target(arguments.out, arguments.to)
     if arguments.to == "as-built":
         return _export_as_built(arguments.source, target, arguments.tolerance_m)
     if arguments.to == "pdf":
@@ -91,17 +84,12 @@ def export_command(arguments: ExportArguments) -> int:
     scan, poses = _load(arguments)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, None, bars.update)
-        if arguments.to in FOLDERS:
-            with whole_folder(target) as folder:
-                cloud = sample_cloud(scan, runtime, 100_000)
-                if arguments.to == "colmap":
-                    matches = read_matches(arguments.source)
-                    write_colmap(folder, scan, poses, cloud, runtime, matches)
-                else:
-                    write_nerfstudio(folder, scan, poses, cloud, runtime)
+        if arguments.to in get_args(PoseForm):
+            matches = read_matches(arguments.source) if arguments.to in WITH_MATCHES else None
+            write_poses(target, arguments.to, scan, poses, matches, runtime)
         else:
             with whole_file(target) as part:
-                _write_file(arguments, part, scan, poses, runtime)
+                _write_points(arguments, part, scan, poses, runtime)
     tell_scan(scan)
     out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
     return 0
@@ -145,22 +133,6 @@ def _export_report(folder: Path, target: Path) -> int:
     return 0
 
 
-def _named(target: Path, kind: str) -> Path:
-    """The name to write; Open3D tells a trajectory by `.log` alone, so a name without a suffix gets it.
-
-    Raises:
-        OutputError: it has another suffix.
-    """
-    if kind != "open3d" or target.suffix.lower() == ".log":
-        return target
-    if target.suffix:
-        raise OutputError(
-            f"{target}: expected a file of .log, by which Open3D tells a trajectory, found {target.suffix}; "
-            "choose another name with -o"
-        )
-    return target.with_name(f"{target.name}.log")
-
-
 def _check_cloud_suffix(target: Path, scan: Scan) -> None:
     """Raise `OutputError` where a cloud would be named as one of another format."""
     own = Path(scan.name).suffix.lower()
@@ -171,7 +143,7 @@ def _check_cloud_suffix(target: Path, scan: Scan) -> None:
         )
 
 
-def _write_file(
+def _write_points(
     arguments: ExportArguments,
     path: Path,
     scan: Scan,
@@ -179,16 +151,7 @@ def _write_file(
     runtime: Runtime,
 ) -> None:
     kind = arguments.to
-    if kind == "tum":
-        write_tum(path, scan.timestamps, poses)
-    elif kind == "kitti":
-        write_kitti(path, poses)
-    elif kind == "open3d":
-        write_log(path, range(len(scan)), poses)
-    elif kind == "g2o":
-        odometry = make_odometry(scan.world_from_cams, OdometryOptions(), scan.timestamps)
-        write_pose_graph(path, poses, odometry, read_matches(arguments.source))
-    elif kind == "cloud":
+    if kind == "cloud":
         _check_cloud_suffix(arguments.out, scan)
         write_cloud(scan, path, poses, arguments.frame == "world")
     elif kind == "mesh":

@@ -20,6 +20,7 @@ from planfit.cli.commands import (
 )
 from planfit.cli.completion import completions
 from planfit.cli.speech import USUAL, Speech, speaking, split_speech
+from planfit.cli.topics import show_help
 from planfit.errors import OptionError, PlanfitError, did_you_mean
 
 EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130
@@ -57,6 +58,8 @@ def run(argv: Sequence[str]) -> int:
         USUAL.error(str(error))
         return EXIT_BAD_INPUT
     name, rest = (words[0], words[1:]) if words else ("--help", [])
+    if name == "help" and "-h" not in rest and "--help" not in rest:
+        return in_one_line(lambda: show_help(rest) or EXIT_OK, "nothing was begun")
     if name in ("-h", "--help", "help"):
         print(overview(), end="")
         return EXIT_OK

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from planfit.cli.arguments import SurveyFlags
-from planfit.cli.console import SHOWN_FROM_S, StageBars, err, note, out, table, tell_scan
+from planfit.cli.console import COMPILED, SHOWN_FROM_S, StageBars, err, note, out, table, tell_scan
 from planfit.cli.refine_inputs import RefineArguments as RefineArguments
 from planfit.cli.refine_inputs import read_plan, read_scans
 from planfit.compiled.making import compile_what_is_not_ready
@@ -24,7 +24,7 @@ from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.formatting import length
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.options import provenance_now
-from planfit.runtime import Runtime
+from planfit.runtime import Runtime, StageTimer
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, write_run
 from planfit.scan import Scan
@@ -49,6 +49,7 @@ NOTHING_BY_HAND = HandChoice()
 def refine_command(arguments: RefineArguments) -> int:
     """Read, refine, write, summarise. Exit code 0 where the verdict is "refined", 1 where it has
     reservations or the result is no better than the input."""
+    arguments = arguments.with_plan_among_scans()
     if len(arguments.scan) > 1:
         return 0 if _refine_together_files(arguments).is_refined else 1
     return 0 if refine_files(arguments).verdict.is_refined else 1
@@ -77,8 +78,8 @@ def refine_files(
     )
     by_hand = HandChoice(corrections, arguments.without_contradicted)
     where = (arguments.out, inputs, arguments.workers, arguments.overwrite)
-    result = refine_into(*where, survey=survey, by_hand=by_hand)
-    summarise(arguments.out, scan, floorplan, result, time.perf_counter() - begin)
+    result = refine_into(*where, survey=survey, by_hand=by_hand, begun=begin)
+    summarise(arguments.out, scan, floorplan, result)
     return result
 
 
@@ -117,8 +118,10 @@ def _refine_together_files(arguments: RefineArguments) -> TogetherResult:
         return refine_together(kept, floorplan, options, runtime)
 
     with decoded_once(scans) as kept:
-        result = _solved_into(arguments.out, inputs, arguments.workers, arguments.overwrite, solve)
-    summarise_together(arguments.out, result, time.perf_counter() - begin)
+        where = (arguments.out, inputs, arguments.workers, arguments.overwrite)
+        result, seconds = _solved_into(*where, solve, begin)
+    result = replace(result, together=replace(result.together, seconds_by_stage=seconds))
+    summarise_together(arguments.out, result)
     return result
 
 
@@ -130,6 +133,7 @@ def refine_into(
     truth_of: Callable[[RefineResult], TruthErrors] | None = None,
     survey: Survey | None = None,
     by_hand: HandChoice = NOTHING_BY_HAND,
+    begun: float | None = None,
 ) -> RefineResult:
     """Refine a scan and write everything a run writes; see docs/outputs.md.
 
@@ -141,6 +145,7 @@ def refine_into(
         truth_of: gives the errors of a result against true poses, where they are known, for the report.
         survey: control and check points.
         by_hand: corrections, and whether contradicted ones are left out.
+        begun: when reading began, by `time.perf_counter`; without, the time of reading is not told.
     """
 
     def solve(runtime: Runtime) -> RefineResult:
@@ -156,7 +161,8 @@ def refine_into(
 
     with decoded_once([inputs.scan]) as (scan,):
         inputs = replace(inputs, scan=scan)
-        return _solved_into(folder, inputs, workers, overwrite, solve, truth_of)
+        result, seconds = _solved_into(folder, inputs, workers, overwrite, solve, begun, truth_of)
+    return replace(result, seconds_by_stage=seconds)
 
 
 def _solved_into(
@@ -165,16 +171,21 @@ def _solved_into(
     workers: int,
     overwrite: bool,
     solve: Callable[[Runtime], AnyResult],
+    begun: float | None,
     truth_of: Callable[[AnyResult], TruthErrors] | None = None,
-) -> AnyResult:
-    """Claim the folder, solve, and write the result."""
+) -> tuple[AnyResult, dict[str, float]]:
+    """Claim the folder, solve, and write the result; the seconds of all stages, too."""
     inputs = replace(inputs, made=provenance_now(out.speech.command))
     with RunFolder.claimed(folder, inputs.names, overwrite) as run, StageBars() as bars:
         runtime = Runtime(workers, inputs.cache or run.cache_dir, bars.update)
-        compile_what_is_not_ready(runtime.report)
+        timer = StageTimer(runtime, begun)
+        begin = time.perf_counter()
+        if compile_what_is_not_ready(runtime.report):
+            timer.add({"compile": time.perf_counter() - begin})
+            err.print(COMPILED)
         result = solve(runtime)
-        write_run(run, inputs, result, runtime, truth_of(result) if truth_of else None)
-    return result
+        errors = truth_of(result) if truth_of else None
+        return result, write_run(run, inputs, result, runtime, errors, timer)
 
 
 def summarise(
@@ -182,7 +193,6 @@ def summarise(
     scan: Scan,
     floorplan: Floorplan | dict[int, Floorplan] | None,
     result: RefineResult,
-    seconds: float,
 ) -> None:
     """One screen: what changed, the warnings, where the rest is."""
     rows = []
@@ -199,11 +209,11 @@ def summarise(
     keys = f" ({n_keyframes} keyframes)" if n_keyframes < len(scan) else ""
     out.print(
         f"\n{len(scan)} frames{keys}, {matches.n_matches} matches in {len(matches.pairs)} pairs, "
-        f"{found}labels from {result.structure.back_end}"
+        f"{found}floor and walls from {result.structure.back_end}"
     )
     if len(result.surfaces):
         out.print(result.surfaces.finding.sentence)
-    _tell_seconds(result, seconds)
+    _tell_seconds(result)
     alignment = result.alignment
     if result.storeys is not None:
         _tell_storeys(result.storeys)
@@ -217,7 +227,7 @@ def summarise(
     _tell_end(folder, scan, result)
 
 
-def summarise_together(folder: Path, result: TogetherResult, seconds: float) -> None:
+def summarise_together(folder: Path, result: TogetherResult) -> None:
     """One screen: the scans and their places, the warnings, where the rest is."""
     together, rows = result.together, []
     for each in result.scans:
@@ -234,16 +244,15 @@ def summarise_together(folder: Path, result: TogetherResult, seconds: float) -> 
         f"\n{len(together.plan_from_cams)} frames with a place, {together.matches.n_matches} matches in "
         f"{len(together.matches.pairs)} pairs, {result.between_pairs} of them between scans"
     )
-    _tell_seconds(together, seconds)
+    _tell_seconds(together)
     _tell_end(folder, None if together.made_of is None else together.made_of.scan, together)
 
 
-def _tell_seconds(result: RefineResult, seconds: float) -> None:
+def _tell_seconds(result: RefineResult) -> None:
     """Seconds in all, and of each stage."""
-    stages = ", ".join(
-        f"{name} {s:.1f}" for name, s in result.seconds_by_stage.items() if s > SHOWN_FROM_S
-    )
-    out.print(f"{seconds:.1f} s: {stages}")
+    by_stage = result.seconds_by_stage
+    stages = ", ".join(f"{name} {s:.1f}" for name, s in by_stage.items() if s > SHOWN_FROM_S)
+    out.print(f"{sum(by_stage.values()):.1f} s: {stages}")
 
 
 def _tell_end(folder: Path, scan: Scan | None, result: RefineResult) -> None:

@@ -12,6 +12,7 @@ import tyro
 from planfit.cli.arguments import AlignmentFlags, Flat, Out, PlanFlags, SurveyFlags
 from planfit.errors import FloorplanError, OptionError, ScanError, require
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
+from planfit.floorplan.formats import READERS
 from planfit.pipeline.options import RefineOptions
 from planfit.report.options import ReportOptions
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -23,7 +24,8 @@ class RefineArguments:
     --no-plan, with itself."""
 
     scan: tyro.conf.Positional[tuple[Path, ...]]
-    """Folder of the scan, zip archive of one, or bag; several of one storey are refined together."""
+    """Folder of the scan, zip archive of one, or bag; several of one storey are refined together. A file of a
+    plan among them is the plan, as by --plan."""
     out: Out[Path]
     """Folder for the results."""
     plan: Annotated[
@@ -40,7 +42,7 @@ class RefineArguments:
     alignment_flags: Flat[AlignmentFlags] = field(default_factory=AlignmentFlags)
     survey_flags: Flat[SurveyFlags] = field(default_factory=SurveyFlags)
     corrections: Path | None = None
-    """TOML file of corrections by hand (docs/corrections.md): places, loops, frames, walls."""
+    """TOML file of corrections by hand (`planfit help corrections`): places, loops, frames, walls."""
     without_contradicted: tyro.conf.FlagCreatePairsOff[bool] = False
     """Leave out corrections that others or the scan contradict, and solve again without them; else they are
     used, as far as they can be, and named."""
@@ -55,6 +57,30 @@ class RefineArguments:
     report: ReportOptions = field(default_factory=ReportOptions)
     """The report."""
     options: Flat[RefineOptions] = field(default_factory=RefineOptions)
+
+    def with_plan_among_scans(self) -> "RefineArguments":
+        """The same with a plan that stands among the scans as `--plan`.
+
+        Raises:
+            OptionError: there are several plans, or one besides that of a flag.
+        """
+        plans = [path for path in self.scan if is_plan_file(path)]
+        scans = tuple(path for path in self.scan if path not in plans)
+        if not plans or not scans:  # that nothing but a plan is given, its reading as a scan tells
+            return self
+        named = " and ".join([*map(str, plans), *self.plan])
+        require(
+            len(plans) == 1 and not self.plan,
+            f"refine: expected one plan, found {named}; plans of storeys are --plan 0=FILE --plan 1=FILE",
+        )
+        return replace(self, scan=scans, plan=(str(plans[0]),))
+
+
+def is_plan_file(path: Path) -> bool:
+    """Whether a path is a plan by its suffix. Folders and archives, which scans are as well, are not: a plan
+    as IMDF takes --plan."""
+    suffix = path.suffix.lower()
+    return suffix in READERS and suffix != ".zip" and not path.is_dir()
 
 
 def read_scans(arguments: RefineArguments) -> list[Scan]:
@@ -90,7 +116,8 @@ def read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, F
     if scan.floorplan_path is None:
         raise FloorplanError(
             f"{scan.name}: expected a floorplan inside the scan's folder, found none; "
-            "give one with --plan FILE, or refine by closed loops and floor alone with --no-plan"
+            "give one behind the scan ('planfit refine SCAN PLAN -o OUT'), or refine by closed loops and "
+            "floor alone with --no-plan"
         )
     return read_floorplan(scan.floorplan_path, arguments.plan_flags.options)
 

@@ -27,14 +27,16 @@ from planfit.compiled.ready_files import Ready, read_ready, write_ready
 from planfit.compiled.signatures import listed_lines, parse_line
 from planfit.errors import OutputError
 
-COMPILING = "compiling once, about half a minute"
+COMPILING = "compile once, a minute or two"
 """What progress calls it."""
 _MAX_PROCESSES = 4
 """Each takes 300 MB."""
 
 
-def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> None:
+def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> bool:
     """Compile the listed kernels into numba's own cache, so that it happens in no stage of a run.
+
+    True where there were any to compile.
 
     Nothing is done where the package has them ready, and nothing is said where numba has kept all. In
     processes of their own: numba compiles one at a time in each.
@@ -46,7 +48,7 @@ def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> None:
         OutputError: a kernel cannot be compiled.
     """
     if isinstance(ready_here(), Ready) or vars(config)["DISABLE_JIT"]:
-        return
+        return False
     lines = [line for line in listed_lines() if not _is_kept(line)]
     if lines:
         report(COMPILING, 0, 0)
@@ -54,6 +56,7 @@ def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> None:
         with ThreadPoolExecutor(len(shares)) as pool:
             list(pool.map(lambda share: _in_a_process([], share, {}), shares))
         report(COMPILING, 1, 0)
+    return bool(lines)
 
 
 def _is_kept(line: str) -> bool:
@@ -85,8 +88,8 @@ class _Refusing(event.Listener):
 def make_ready(folder: Path, lines: Sequence[str] | None = None) -> Ready:
     """Compile kernels into a folder, in the place of those that it holds.
 
-    In processes of their own: numba is told for which CPU to compile before it starts. All take half a minute
-    on two cores.
+    In processes of their own: numba is told for which CPU to compile before it starts. All take one to two
+    minutes of CPU time.
 
     Args:
         folder: `decorator.READY` is the package's own, which runs look into.

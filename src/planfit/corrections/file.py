@@ -58,7 +58,7 @@ def read_corrections(path: Path) -> Corrections:
         ) from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise OptionError(
-            f"{path}: expected TOML, found {error or type(error).__name__}; see docs/corrections.md"
+            f"{path}: expected TOML, found {error or type(error).__name__}; see 'planfit help corrections'"
         ) from error
     return corrections_of(content, str(path))
 
@@ -93,7 +93,7 @@ def corrections_of(content: dict[str, Any], name: str) -> Corrections:
             try:
                 entries.append(replace(_entry(kind, number, table), note=_note(table)))
             except _Unfit as unfit:
-                raise OptionError(f"{where}: {unfit}; see docs/corrections.md") from unfit
+                raise OptionError(f"{where}: {unfit}; see 'planfit help corrections'") from unfit
     if len(entries) > MAX_ENTRIES:
         raise OptionError(
             f"{name}: expected {MAX_ENTRIES} corrections at most, found {len(entries)}; scan again instead"

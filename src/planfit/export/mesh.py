@@ -39,7 +39,7 @@ def load_open3d() -> ModuleType:
         return import_module("open3d")
     except ModuleNotFoundError as error:
         raise OutputError(
-            f"meshes: expected the library Open3D, found none ({error}); install planfit[map]"
+            f"meshes: expected the library Open3D, found none ({error}); pip install 'planfit[map]'"
         ) from error
     except (ImportError, OSError) as error:
         raise OutputError(

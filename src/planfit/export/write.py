@@ -41,7 +41,12 @@ def _write_control_points(path: Path, run: Finished) -> None:
 
 
 def _write_record(path: Path, run: Finished) -> None:
-    path.write_text(json.dumps(run.record, indent=1, allow_nan=False) + "\n")
+    path.write_text(record_text(run.record))
+
+
+def record_text(record: dict[str, Any]) -> str:
+    """`run.json` of a record."""
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
 
 
 FILES: dict[str, Callable[[Path, Finished], object]] = {

@@ -107,7 +107,7 @@ class PlanKind(Kind):
     LITTLE_WALL_ON_PLAN = warning(_little_wall)
     AMBIGUOUS_PLACE = warning(
         ("ambiguous: ", RIVAL, _apart),
-        "choose the other one with --align.candidate 2, or give control points",
+        "choose the other one with --candidate 2, or give control points",
     )
     OTHER_PLACE_BETTER = warning(
         (

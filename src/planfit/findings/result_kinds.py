@@ -103,8 +103,8 @@ class ResultKind(Kind):
     )
     MORE_STEPS_CHANGED = warning("{step_count} more steps were changed as much")
     ROUNDS_RAN_OUT = warning(
-        "correspondences of walls and faces were still changing when the rounds ran out",
-        "raise adjust.max-alternations",
+        "which scanned wall belongs to which wall of the plan was still changing when the solve ended",
+        "give it more rounds: --adjust.max-alternations 10",
     )
     STOREY_NOT_WALKED = warning(
         "no frame stands on storey {storey_number}: its plan was not used", "check its number"
@@ -193,8 +193,8 @@ class ResultKind(Kind):
         "look whether these frames show the same place; places that look alike are confused",
     )
     PLAN_STRAINS_TERM = reservation(
-        "scan and plan contradict each other: the misfit of the {term} rises {misfit_ratio:.1f} times when "
-        "the walls of the plan pull",
+        "scan and plan contradict each other: the misfit of the {term} rises {misfit_ratio:.1f} times "
+        "where the walls of the plan are used",
         "the plan may differ from the building where the report shows large distances, or be of another "
         "place or scale",
     )

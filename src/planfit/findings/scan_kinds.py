@@ -135,8 +135,8 @@ class ScanKind(Kind):
     )
     NO_COLOUR = note(("the scan has no colour: ", lambda parts: parts[0]))
     MATCHED_BY_GEOMETRY = note(
-        "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} leave a "
-        "direction free"
+        "{pair_count} pairs of frames were matched by geometry alone, of which {free_pair_count} say nothing "
+        "of motion along some direction, as before one flat wall"
     )
     NO_MATCHES = warning(
         ("no two frames could be matched: poses can be refined by ", _others, " alone"),

@@ -53,7 +53,7 @@ def read_edits(path: Path) -> PlanEdits:
     if not isinstance(content, dict) or content.get("planfit_edits") != 1 or set(content) - known:
         raise FloorplanError(
             f"{path}: expected plan edits of version 1 ({', '.join(sorted(known))}), found others; see "
-            "docs/formats.md"
+            "'planfit help formats'"
         )
     try:
         ends = [_ends(content.get(name) or []) for name in ("drop", "add")]
@@ -61,7 +61,7 @@ def read_edits(path: Path) -> PlanEdits:
     except (TypeError, ValueError, OverflowError) as error:
         raise FloorplanError(
             f"{path}: expected pairs of ends [[x, y], [x, y]] and regions of three corners or more, found "
-            f"{error}; see docs/formats.md"
+            f"{error}; see 'planfit help formats'"
         ) from error
     return PlanEdits(ends[0], keep, ends[1])
 

@@ -32,7 +32,7 @@ class PlanOptions(Changeable):
     """Picture of the size of the plan, white where there is wall, from a segmentation of your own; it
     takes the place of planfit's interpretation of the picture."""
     edits: Path | None = None
-    """JSON file of corrections: faces left out, regions kept, walls added (docs/formats.md)."""
+    """JSON file of corrections: faces left out, regions kept, walls added (`planfit help formats`)."""
     mirror: bool = False
     """Swap left and right: for a plan that was drawn or exported mirrored."""
 

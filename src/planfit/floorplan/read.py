@@ -9,7 +9,7 @@ from planfit.floorplan.formats import PAPER_SUFFIXES, PICTURE_SUFFIXES, find_rea
 from planfit.floorplan.near_lines import LineWorkTooDense
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
+from planfit.floorplan.units import MAX_SIZE_M, METRES_PER_UNIT, MIN_SIZE_M, units_that_fit
 from planfit.runtime import require_content, unpacked
 
 
@@ -69,7 +69,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
         raise FloorplanError(
             f"{path}: expected a building in metres ({MIN_SIZE_M:g} to {MAX_SIZE_M:g} m across), "
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
-            "convert it from its own unit to metres, or give --unit or --scale"
+            f"{units_that_fit(extent / (options.metres_per_unit or METRES_PER_UNIT.get(options.unit, 1.0)))}"
         )
     floorplan = floorplan.mirrored() if options.mirror else floorplan
     if options.edits is None:

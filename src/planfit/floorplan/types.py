@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
-from planfit.runtime import short_repr
+from planfit.runtime import short_html, short_repr
 
 SHORTEST_SHARE, LARGEST = 1e-10, 1e5
 """Of the size of a plan, and at most of this one (of what is too large for a building, that is said): what is
@@ -75,6 +75,7 @@ class PlanSource:
     (u right, v down), else in the plan frame."""
 
     __repr__ = short_repr
+    _repr_html_ = short_html
 
     @property
     def rim_from_plan(self) -> Float[np.ndarray, "3 3"]:
@@ -125,6 +126,7 @@ class Floorplan:
     have the same. None: all are as drawn."""
 
     __repr__ = short_repr
+    _repr_html_ = short_html
 
     def __post_init__(self) -> None:
         n = len(self.ends)

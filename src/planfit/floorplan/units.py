@@ -55,3 +55,13 @@ def name_of_unit(metres: float) -> str:
     """Name of the unit of so many metres; "0.02 m" where it has none."""
     named = (name for name, m in METRES_PER_FILE_UNIT.items() if abs(metres / m - 1) < 1e-6)
     return next(named, f"{metres:g} m")
+
+
+def units_that_fit(size: float) -> str:
+    """In which units a plan of a size, in its own numbers, would be a building, as a sentence's end."""
+    fitting = [
+        f"{size * metres:.3g} m with --unit {name}"
+        for name, metres in METRES_PER_UNIT.items()
+        if MIN_SIZE_M <= size * metres <= MAX_SIZE_M
+    ]
+    return f"it would be {', '.join(fitting)}" if fitting else "no unit makes it one: give --scale"

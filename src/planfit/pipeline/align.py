@@ -43,6 +43,7 @@ from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
+from planfit.pipeline.running import running
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
@@ -73,6 +74,9 @@ def align(
     floorplan: Floorplan,
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
+    *,
+    cache: str | Path | None = None,
+    progress: bool = True,
 ) -> AlignResult:
     """Find where on the plan a scan is, without moving its poses against each other.
 
@@ -84,8 +88,12 @@ def align(
         OptionError: an option has a value that cannot work.
     """
     require_given(scan, floorplan, options, runtime)
-    chosen = options or RefineOptions()
-    given = Given(scan, floorplan, chosen, runtime or Runtime())
+    with running(runtime, cache, progress) as runs:
+        return _align(Given(scan, floorplan, options or RefineOptions(), runs), floorplan)
+
+
+def _align(given: Given, floorplan: Floorplan) -> AlignResult:
+    scan, chosen = given.scan, given.options
     timer = StageTimer(given.runtime)
     observations = extract_observations(scan, chosen, given.runtime, timer=timer)
     observations = observed_in_metres(given, observations, timer)

@@ -19,7 +19,7 @@ class RefineOptions(Changeable):
 
     poses_convention: str = "recorded"
     """What the recorded poses mean: `recorded`, as they are; `auto`, what explains the motions between
-    neighbouring images; or the name of a convention (docs/tracking.md)."""
+    neighbouring images; or the name of a convention (`planfit help tracking`)."""
     keyframes: KeyframeOptions = field(default_factory=KeyframeOptions)
     """Which frames are looked at and solved for; the others follow."""
     tracking: TrackingOptions = field(default_factory=TrackingOptions)

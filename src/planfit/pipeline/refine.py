@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from planfit.adjust.calibration import Calibration
 from planfit.corrections import NO_CORRECTIONS, Corrections
@@ -20,6 +21,7 @@ from planfit.pipeline.given import Given, require_given
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
+from planfit.pipeline.running import running
 from planfit.pipeline.solve import solve
 from planfit.pipeline.survey import observe_survey
 from planfit.pipeline.validation import validate
@@ -38,6 +40,9 @@ def refine(
     survey: Survey | None = None,
     corrections: Corrections = NO_CORRECTIONS,
     without_contradicted: bool = False,
+    *,
+    cache: str | Path | None = None,
+    progress: bool = True,
 ) -> RefineResult:
     """Refine the camera poses of a scan so that its reconstruction agrees with the floorplan.
 
@@ -48,13 +53,15 @@ def refine(
             scan has to agree with itself alone, by closed loops, floors and ceilings; what is called the plan
             frame is then the level frame: the scan's own axes, turned upright, floor at 0.
         options: defaults to what works best.
-        runtime: threads, cache and progress; by default nothing is kept and nothing is said.
+        runtime: threads, cache and progress, in place of the last two arguments.
         observations: what `extract_observations` saw in this scan, or a user's own.
         extra_terms: terms of one's own over plan_from_cams of all frames, in the adjustment on the plan.
         survey: control points, which hold the poses, and check points, which only judge them.
         corrections: by hand; see docs/corrections.md.
         without_contradicted: whether corrections that others or the scan contradict are left out, and all is
             solved again without them; else they are used, as far as they can be, and named.
+        cache: folder that keeps finished stages, so that another call with this scan goes on from them.
+        progress: whether terminals and notebooks show how far it is.
 
     Raises:
         ScanError: a file of the scan cannot be used.
@@ -66,20 +73,21 @@ def refine(
             Or a correction names what is not there, or others that contradict it prevent any solution.
     """
     require_given(scan, floorplan, options, runtime)
-    given = Given(
-        scan=scan,
-        floorplan=floorplan,
-        options=options or RefineOptions(),
-        runtime=runtime or Runtime(),
-        observations=observations,
-        extra_terms=tuple(extra_terms),
-        survey=survey,
-        corrections=corrections,
-    )
-    given.require_frames_of_terms()
-    if not corrections.entries:
-        return refine_given(given)
-    return solve_corrected(refine_given, given, without_contradicted)
+    with running(runtime, cache, progress) as runs:
+        given = Given(
+            scan=scan,
+            floorplan=floorplan,
+            options=options or RefineOptions(),
+            runtime=runs,
+            observations=observations,
+            extra_terms=tuple(extra_terms),
+            survey=survey,
+            corrections=corrections,
+        )
+        given.require_frames_of_terms()
+        if not corrections.entries:
+            return refine_given(given)
+        return solve_corrected(refine_given, given, without_contradicted)
 
 
 def refine_given(given: Given) -> RefineResult:
@@ -123,7 +131,8 @@ def refine_given(given: Given) -> RefineResult:
             seen.priors,
         )
     made_of = MadeOf(asked.scan, asked.floorplan, asked.options)
-    result = replace(make_result(given, solved, validation, timer), made_of=made_of)
+    result = make_result(given, solved, validation)
+    result = replace(result, made_of=made_of, seconds_by_stage=timer.all_seconds())
     return judge_by_hand(result, given, seen, solved)
 
 

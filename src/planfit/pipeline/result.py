@@ -36,7 +36,7 @@ from planfit.pipeline.solve import Solved
 from planfit.pipeline.survey_residuals import survey_findings, survey_residuals
 from planfit.pipeline.validation import Check, Validation
 from planfit.pipeline.verdict import Verdict
-from planfit.runtime import StageTimer, short_repr
+from planfit.runtime import html_table, short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Gravity, Structure
@@ -81,6 +81,7 @@ class RefineResult:
     findings: tuple[Finding, ...]
     """What a user should know before trusting the result; the verdict has its own."""
     seconds_by_stage: dict[str, float]
+    """All that it took; `other` is what was done between stages."""
     verdict: Verdict
     """What the evidence says of it: which poses to use, and which frames not to trust."""
     evidence: Evidence
@@ -108,6 +109,16 @@ class RefineResult:
     """What it was made of; None where a result was put together otherwise."""
 
     __repr__ = short_repr
+
+    def _repr_html_(self) -> str:
+        checks = [
+            (each.name, *(f"{value:.3g} {each.unit}" for value in (each.before, each.after)))
+            for each in self.checks
+        ]
+        warnings = [("warning", warning) for warning in self.warnings]
+        return html_table(self.verdict.headline, [("", "before", "after"), *checks]) + (
+            html_table("before you use it", warnings) if warnings else ""
+        )
 
     def save(self, folder: str | Path, *, overwrite: bool = False) -> None:
         """Write all that `planfit refine` writes, its report too (docs/outputs.md).
@@ -168,10 +179,8 @@ def to_recorded_axes(
     return se3.inverse(plan_from_world) @ se3.make_transform(np.eye(3), lift)
 
 
-def make_result(
-    given: Given, solved: Solved, validation: Validation, timer: StageTimer
-) -> RefineResult:
-    """All of it together, with what a user should know of it."""
+def make_result(given: Given, solved: Solved, validation: Validation) -> RefineResult:
+    """All of it together, with what a user should know of it; but for the time that it took."""
     scan, calibrated, surveyed = given.scan, solved.calibrated, solved.surveyed
     on_plan, adjustment = solved.on_plan, solved.adjustment
     observations, prepared = calibrated.observations, calibrated.prepared
@@ -231,7 +240,7 @@ def make_result(
                 else adjustment_findings(adjustment)
             ),
         ),
-        seconds_by_stage=timer.seconds,
+        seconds_by_stage={},
         verdict=validation.verdict,
         evidence=validation.evidence,
         tracking=observations.tracking,

@@ -107,7 +107,7 @@ def visit_check(evidence: Evidence) -> Check | None:
     if evidence.visit_distances_m is None:
         return None
     before, after = evidence.visit_distances_m
-    name = "places seen again, median distance, kept out of the solve"
+    name = "places seen again, median distance in solves without them"
     return Check(name, before, after, "m", is_apart(before, after))
 
 

@@ -33,9 +33,10 @@ class Changeable:
         known = option_names(self)
         path = name.replace("-", "_")
         if path not in known:
+            all_of_them = "'planfit help options' lists them all"
             raise OptionError(
                 f"{name}: expected an option of {type(self).__name__}, found an unknown one; "
-                f"{did_you_mean(path, known) or 'docs/options.md lists them all'}"
+                f"{did_you_mean(path, known) or all_of_them}"
             )
         return _with(self, path.split("."), value, name)
 

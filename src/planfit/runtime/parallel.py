@@ -6,7 +6,7 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -184,21 +184,49 @@ class Runtime:
         return folder
 
 
+OTHER = "other"
+"""What a run does between its stages."""
+
+
 class StageTimer:
     """Times the stages of a run, and reports that they began and ended."""
 
-    def __init__(self, runtime: Runtime) -> None:
+    def __init__(self, runtime: Runtime, begun: float | None = None) -> None:
+        """Begin now, or at a moment of `time.perf_counter` before, since when the input was read."""
         self.seconds: dict[str, float] = {}
-        """By stage, of those that ended."""
+        """By stage, of those that ended; of one within another the other has the rest."""
         self._runtime = runtime
+        self._begun = time.perf_counter() if begun is None else begun
+        self._within_s = 0.0
+        if begun is not None:
+            self.seconds["read"] = time.perf_counter() - begun
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Time what is done inside; a stage that fails has no time."""
+        """Time what is done inside, and report it; a stage that fails has no time."""
         self._runtime.report(name, 0, 0)
-        begin = time.perf_counter()
-        yield
-        give_back_memory()
-        # A stage may come again: each storey is aligned with its own plan.
-        self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - begin
+        with self.timed(name):
+            yield
+            give_back_memory()
         self._runtime.report(name, 1, 0)
+
+    @contextmanager
+    def timed(self, name: str) -> Iterator[None]:
+        """Time what is done inside."""
+        begin, within_s, self._within_s = time.perf_counter(), self._within_s, 0.0
+        yield
+        own_s = time.perf_counter() - begin
+        # A stage may come again: each storey is aligned with its own plan.
+        self.add({name: own_s - self._within_s})
+        self._within_s = within_s + own_s
+
+    def add(self, seconds: Mapping[str, float]) -> None:
+        """Take what others timed."""
+        for name, value in seconds.items():
+            self.seconds[name] = self.seconds.get(name, 0.0) + value
+
+    def all_seconds(self) -> dict[str, float]:
+        """By stage, and what is left of the time since the beginning."""
+        rest_s = time.perf_counter() - self._begun - sum(self.seconds.values())
+        known = {name: value for name, value in self.seconds.items() if name != OTHER}
+        return known | {OTHER: self.seconds.get(OTHER, 0.0) + max(rest_s, 0.0)}

@@ -4,8 +4,9 @@ Options keep the `repr` of dataclasses: it can be pasted, and names what a cache
 """
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from enum import Enum
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +31,21 @@ def short_repr(self: Any) -> str:
     if len(line) <= MAX_LINE:
         return line
     return "\n  ".join([f"{counted}(", *(f"{part}," for part in parts)]) + "\n)"
+
+
+def short_html(self: Any) -> str:
+    """The same as a small table for notebooks; in its body: `_repr_html_ = short_html`."""
+    fields = [field for field in dataclasses.fields(self) if field.repr]
+    counted = f" of {len(self)}" if hasattr(self, "__len__") else ""
+    rows = [(field.name, _brief(getattr(self, field.name))) for field in fields]
+    return html_table(f"{type(self).__name__}{counted}", rows)
+
+
+def html_table(title: str, rows: Sequence[Sequence[str]]) -> str:
+    """A table of plain text."""
+    cells = ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in rows]
+    lines = "".join(f'<tr style="text-align: left">{row}</tr>' for row in cells)
+    return f"<table><caption>{escape(title)}</caption>{lines}</table>"
 
 
 def _brief(value: Any) -> str:

@@ -28,7 +28,7 @@ _POSES = (
 )
 _PLAN = (
     "what may be a plan",
-    "give the scan first: 'planfit refine SCAN --plan FILE'; 'planfit plan FILE' shows what is read of it",
+    "give the scan first: 'planfit refine SCAN FILE -o OUT'; 'planfit plan FILE' shows what is read of it",
 )
 _VIDEO = (
     "a video alone",
@@ -88,7 +88,7 @@ def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
         return ScanError(f"{begin} a file of a {kind} scan; give its folder, {owner.path}")
     what, step = FOREIGN.get(
         path.suffix.lower(),
-        ("a file", "docs/scan-formats.md lists what is read"),
+        ("a file", "'planfit help scan-formats' lists what is read"),
     )
     return ScanError(f"{begin} {what}; {step}")
 
@@ -129,7 +129,7 @@ def no_scan_in_folder(
             f"{layouts[name].expects}: {', '.join(steps)}"
         )
     held, step = _held(source)
-    formats = f"docs/scan-formats.md describes what is read: {', '.join([*layouts, *own])}"
+    formats = f"'planfit help scan-formats' describes what is read: {', '.join([*layouts, *own])}"
     return ScanError(f"{begin} {held}; {step or formats}")
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int, UInt8
 from planfit.errors import OptionError, ScanError, require, require_choice, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.runtime import Changeable, require_kinds, short_repr
+from planfit.runtime import Changeable, require_kinds, short_html, short_repr
 from planfit.scan.poses import check_pose
 
 MAX_STEP_M = 20.0
@@ -28,7 +28,7 @@ class ScanOptions(Changeable):
     """Choices of the readers; most formats need none."""
 
     format: str = "auto"
-    """Name of the format (docs/formats.md); `auto` tells it by what lies in the folder."""
+    """Name of the format (`planfit help formats`); `auto` tells it by what lies in the folder."""
     use_masks: bool = True
     """Whether floor and wall masks that lie beside the images are used."""
     poses: Path | None = None
@@ -208,6 +208,7 @@ class Scan:
     """What to look at before trusting the scan."""
 
     __repr__ = short_repr
+    _repr_html_ = short_html
 
     def __post_init__(self) -> None:
         n = len(self.frame_ids)

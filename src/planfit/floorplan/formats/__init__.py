@@ -79,7 +79,7 @@ def find_reader(path: Path) -> PlanReader:
     if name is None:
         raise FloorplanError(
             f"{path}: expected a plan as {', '.join(READERS)}, found "
-            f"{path.suffix or 'no suffix'}; save it as one of these (docs/formats.md)"
+            f"{path.suffix or 'no suffix'}; save it as one of these ('planfit help formats')"
         )
     module, function = name.split(":")
     return getattr(import_module(f"planfit.floorplan.formats.{module}"), function)

@@ -127,7 +127,7 @@ def _ifcopenshell(path: Path) -> Any:
     except ImportError as error:
         raise FloorplanError(
             f"{path}: expected the package ifcopenshell to read IFC, found it missing; "
-            "install planfit[ifc]"
+            "pip install 'planfit[ifc]'"
         ) from error
     return ifcopenshell
 

@@ -108,7 +108,7 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
     if not _are_normals(content.given_normals, normals[content.has_normal]):
         raise FloorplanError(
             f"{path}: expected a normal of length 1 at right angles to its face, or null, "
-            "found another; see docs/formats.md"
+            "found another; see 'planfit help formats'"
         )
     normals[content.has_normal] = content.given_normals
     file_unit = None if content.unit == "unknown" else "m"
@@ -146,12 +146,12 @@ def _parsed(path: Path) -> _Content:
     except KeyError as error:
         raise FloorplanError(
             f"{path}: expected a plan as JSON (planfit's own, with unit and faces, or of RoomPlan), found "
-            f"one without {error}; see docs/formats.md"
+            f"one without {error}; see 'planfit help formats'"
         ) from error
     except (OSError, ValueError, TypeError, AttributeError) as error:
         raise FloorplanError(
             f"{path}: expected a plan as JSON (unit, faces with ends and normal), "
-            f"found another content ({error}); see docs/formats.md"
+            f"found another content ({error}); see 'planfit help formats'"
         ) from error
     return _Content(unit, ends, has_normal, given, thickness, openings)
 
@@ -168,12 +168,12 @@ def _check(path: Path, content: _Content) -> None:
     if len(ends) == 0 or (segments.lengths(ends) < shortest).any():
         found = "0 faces" if len(ends) == 0 else "one without"
         raise FloorplanError(
-            f"{path}: expected faces with length, found {found}; see docs/formats.md"
+            f"{path}: expected faces with length, found {found}; see 'planfit help formats'"
         )
     if (content.thickness <= 0).any():
         raise FloorplanError(
             f"{path}: expected the thickness of a wall above 0, or none, found another; "
-            "see docs/formats.md"
+            "see 'planfit help formats'"
         )
 
 

@@ -64,8 +64,8 @@ def _packages(path: Path) -> tuple[Any, Any]:
         return importlib.import_module("pxr.Usd"), importlib.import_module("pxr.UsdGeom")
     except ImportError as error:
         raise FloorplanError(
-            f"{path}: expected the package usd-core to read USDZ, found it missing; install planfit[usd], or "
-            "give the JSON that RoomPlan writes beside it (its CapturedRoom)"
+            f"{path}: expected the package usd-core to read USDZ, found it missing; pip install "
+            "'planfit[usd]', or give the JSON that RoomPlan writes beside it (its CapturedRoom)"
         ) from error
 
 

@@ -9,7 +9,13 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
-from planfit.floorplan.units import MAX_SIZE_M, METRES_PER_UNIT, MIN_SIZE_M, choose_unit
+from planfit.floorplan.units import (
+    MAX_SIZE_M,
+    METRES_PER_UNIT,
+    MIN_SIZE_M,
+    choose_unit,
+    units_that_fit,
+)
 from planfit.floorplan.vector.drawing import Text, VectorDrawing
 from planfit.geometry import segments
 from planfit.priors import BUILDING_LIKELY_SIZE_M, WALL_THICKNESS_M
@@ -71,8 +77,8 @@ def unit_of_drawing(
             if not MIN_SIZE_M <= extent <= MAX_SIZE_M:
                 raise FloorplanError(
                     f"{path}: expected a building of {MIN_SIZE_M:g} to {MAX_SIZE_M:g} m, found "
-                    f"{extent:.4g} m with {told.unit_from}; pass the unit of the drawing, or "
-                    "`--unit unknown` to leave its scale to the alignment"
+                    f"{extent:.4g} m with {told.unit_from}; {units_that_fit(size)}, or leave its "
+                    "scale to the alignment with --unit unknown"
                 )
         return told
     warnings: tuple[str, ...] = ()

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from planfit.pipeline.given import require_given
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
+from planfit.pipeline.running import running
 from planfit.pipeline.together.joined import (
     JoinedScans,
     join_observed,
@@ -44,6 +46,9 @@ def refine_together(
     floorplan: Floorplan | None,
     options: RefineOptions | None = None,
     runtime: Runtime | None = None,
+    *,
+    cache: str | Path | None = None,
+    progress: bool = True,
 ) -> TogetherResult:
     """Refine the poses of several scans of one storey together, in one frame of reference.
 
@@ -55,7 +60,7 @@ def refine_together(
         scans: two or more; `Scan.name` tells them apart.
         floorplan: of the storey, as `planfit.refine` takes it. None: scans have to show the same places.
         options: those of `planfit.refine`; what they say of where the scan is, is said of the first one.
-        runtime: threads, cache and progress.
+        runtime, cache, progress: as `planfit.refine` takes them.
 
     Raises:
         ScanError: a file of a scan cannot be used, a scan is given twice, or walks through several storeys.
@@ -68,16 +73,22 @@ def refine_together(
         )
     for scan in scans:
         require_given(scan, floorplan, options, runtime)
-    chosen, running = options or RefineOptions(), runtime or Runtime()
-    timer, names = StageTimer(running), short_names(scans)
+    with running(runtime, cache, progress) as runs:
+        return _refine_together(scans, floorplan, options or RefineOptions(), runs)
+
+
+def _refine_together(
+    scans: Sequence[Scan], floorplan: Floorplan | None, chosen: RefineOptions, runtime: Runtime
+) -> TogetherResult:
+    timer, names = StageTimer(runtime), short_names(scans)
     observed = [
-        observe_scan(name, scan, chosen, running, timer)
+        observe_scan(name, scan, chosen, runtime, timer)
         for name, scan in zip(names, scans, strict=True)
     ]
-    joined, placing = _join(observed, floorplan, chosen, running, timer)
+    joined, placing = _join(observed, floorplan, chosen, runtime, timer)
     placed = [observed[place.scan] for place in placing.places]
     seen = _with_sensors_settled(joined.observations, placed)
-    together = refine(joined.scan, floorplan, chosen, running, seen)
+    together = refine(joined.scan, floorplan, chosen, runtime, seen)
     stages = (*timer.seconds, *together.seconds_by_stage)
     seconds = {
         stage: timer.seconds.get(stage, 0.0) + together.seconds_by_stage.get(stage, 0.0)

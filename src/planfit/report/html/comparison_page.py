@@ -61,7 +61,7 @@ def make_comparison(
         "Lower is better.</p>",
         witness_table(comparison),
         _where(comparison, what, cloud),
-        "<h2>All metrics</h2><p>Lower is better; docs/metrics.md defines each.</p>",
+        "<h2>All metrics</h2><p>Lower is better; 'planfit help metrics' defines each.</p>",
         metric_table(list(comparison.metrics.values())),
         f"<footer>Made by planfit {escape(__version__)}.</footer>",
     ]

@@ -314,7 +314,7 @@ def open_bag(path: Path) -> BagReader:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
         raise ScanError(
-            f"{path}: expected the library rosbags for bags, found none; install planfit[bag]"
+            f"{path}: expected the library rosbags for bags, found none; pip install 'planfit[bag]'"
         ) from error
     try:
         reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))

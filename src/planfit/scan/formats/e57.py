@@ -259,7 +259,7 @@ class E57File:
             libe57 = load_libe57()
         except ImportError as error:
             raise ScanError(
-                f"{self.path}: expected the library pye57 for E57, found none; install planfit[laser]"
+                f"{self.path}: expected the library pye57 for E57, found none; pip install 'planfit[laser]'"
             ) from error
         with self._told():
             image_file = libe57.ImageFile(str(self.path), "r")

@@ -142,8 +142,8 @@ class LasFile:
             import laspy
         except ImportError as error:
             raise ScanError(
-                f"{self.path}: expected the libraries laspy and lazrs for LAS and LAZ, found none; install "
-                "planfit[laser]"
+                f"{self.path}: expected the libraries laspy and lazrs for LAS and LAZ, found none; "
+                "pip install 'planfit[laser]'"
             ) from error
         with self.path.open("rb") as stream:
             self._check_records(stream.read(_HEADER_BYTES))

@@ -234,8 +234,8 @@ def _by_library(data: bytes, path: Path) -> bytes:
         import liblzfse  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ScanError(
-            f"{path}: expected the library pyliblzfse for depth of Record3D, found none; install "
-            "planfit[record3d]"
+            f"{path}: expected the library pyliblzfse for depth of Record3D, found none; pip "
+            "install 'planfit[record3d]'"
         ) from error
     try:
         return liblzfse.decompress(data)

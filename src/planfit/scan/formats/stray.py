@@ -1,6 +1,6 @@
 """Stray Scanner: a table whose rows belong to frames of a video."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.scan.images.lens import Lens, make_camera
-from planfit.scan.images.video import Video
+from planfit.scan.images.video import Video, can_decode, stored_size
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import SharedLens
 from planfit.scan.poses import MAX_ENTRY, ROUNDING, UP_Y
@@ -21,6 +21,10 @@ VIDEO, POSES = "rgb.mp4", "odometry.csv"
 CALIBRATION = SharedLens("camera_matrix.csv", separator=",")
 COLUMNS = ("timestamp", "frame", "x", "y", "z", "qx", "qy", "qz", "qw")
 INTRINSICS = ("fx", "fy", "cx", "cy")
+WITHOUT_COLOUR = (
+    f"{VIDEO} was not read, which takes the library PyAV: depth alone is used, by which places are found "
+    "again less surely; pip install 'planfit[video]' brings it"
+)
 LOST = [float("nan")] * 7
 """In the place of position and quaternion where the tracker had none."""
 
@@ -44,6 +48,8 @@ class _Table:
     header: list[str]
     rows: dict[str, _Row]
     """By the frame's id."""
+    size_without_video: Size | None = None
+    """Of the colour that the lenses are of, where it is not decoded."""
 
     def intrinsics(self, frame_id: str) -> list[float] | None:
         """fx fy cx cy of a frame; nothing where the table lacks a column or the row leaves one empty."""
@@ -55,6 +61,11 @@ class _Table:
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Table]:  # noqa: ARG001
     table = _read_table(source)
+    tables = [POSES, CALIBRATION.name]
+    if not can_decode():
+        table = replace(table, size_without_video=stored_size(source.on_disk(VIDEO)))
+        frames = [_frame(source, row, name, color="") for name, row in table.rows.items()]
+        return Listing(source, frames, table, tables, warnings=[WITHOUT_COLOUR])
     video = Video.open(source.path / VIDEO, source.on_disk(VIDEO))
     listed = table.rows.items()
     frames = [_frame(source, row, name) for name, row in listed if row.number < len(video)]
@@ -65,11 +76,10 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Table]:  # noq
     ]
     last = max((row.number for row in table.rows.values()), default=-1)
     skipped += [f"frame {n:06d}: {POSES} has no row" for n in range(last + 1, len(video))]
-    tables = [POSES, CALIBRATION.name]
     return Listing(source, frames, table, tables, skipped, video=video)
 
 
-def _frame(source: FileSource, row: _Row, name: str) -> Frame:
+def _frame(source: FileSource, row: _Row, name: str, color: str = VIDEO) -> Frame:
     pose = np.full((4, 4), np.nan)
     if np.isfinite(row.pose).all():
         pose = se3.make_transform(
@@ -79,7 +89,7 @@ def _frame(source: FileSource, row: _Row, name: str) -> Frame:
         frame_id=name,
         time=row.time,
         world_from_cam=pose,
-        color=VIDEO,
+        color=color,
         depth=first_of(source, [f"depth/{name}.png", f"depth/{name}.npy"]),
         confidence=f"confidence/{name}.png",
     )
@@ -90,10 +100,12 @@ def _lens(listing: Listing[_Table]) -> LensOfFrame:
     shared = CALIBRATION(listing)
 
     def lens(frame: Frame, size: Size) -> Lens:
+        of_color = listing.content.size_without_video or size
         own = listing.content.intrinsics(frame.frame_id)
-        if own is None:
-            return shared(frame, size)
-        return Lens(make_camera(*size, own, str(listing.source.path / POSES)))
+        found = shared(frame, of_color)
+        if own is not None:
+            found = Lens(make_camera(*of_color, own, str(listing.source.path / POSES)))
+        return found.scaled(*size)
 
     return lens
 
@@ -152,7 +164,8 @@ STRAY = FolderLayout(
     name="stray",
     page="""Stray Scanner: LiDAR iPhones and iPads.
 
-    SCAN/rgb.mp4                 colour, HEVC, 1920 x 1440
+    SCAN/rgb.mp4                 colour, HEVC, 1920 x 1440; pip install 'planfit[video]' reads it, and without
+                                 it the scan is depth alone, with a warning
     SCAN/odometry.csv            timestamp, frame, x, y, z, qx, qy, qz, qw [, fx, fy, cx, cy
                                  [, distortion_center_x, distortion_center_y]]: world_from_cam, OpenCV camera
                                  axes, world y-up (ARKit's); cells may be empty

@@ -241,7 +241,8 @@ def read_exr(file: Path, path: Path) -> Float[np.ndarray, "h w"]:
         import OpenEXR  # pyright: ignore[reportMissingImports]
     except ImportError as error:
         raise ScanError(
-            f"{path}: expected the library OpenEXR for depth as EXR, found none; install planfit[record3d]"
+            f"{path}: expected the library OpenEXR for depth as EXR, found none; pip install "
+            "'planfit[record3d]'"
         ) from error
     try:
         with OpenEXR.File(str(file)) as image:

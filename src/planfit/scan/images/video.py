@@ -4,10 +4,12 @@ import re
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Int, UInt8
 
@@ -143,12 +145,36 @@ def _image(frame: Any) -> UInt8[np.ndarray, "h w 3"]:
     return frame.to_ndarray(format="rgb24")
 
 
+def can_decode() -> bool:
+    """Whether PyAV is installed."""
+    return find_spec("av") is not None
+
+
+def stored_size(file: Path) -> Size:
+    """Size of a video's frames as stored, without PyAV; none of its frames is looked at.
+
+    Raises:
+        ScanError: the file is no whole video.
+    """
+    capture = cv2.VideoCapture(str(file))
+    capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    sides = (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    width, height = (int(capture.get(side)) for side in sides)
+    capture.release()
+    if min(width, height) <= 0:
+        raise ScanError(
+            f"{file}: expected a video, found a file that cannot be read as one; the recording may have been "
+            "cut off, copy it again from the phone"
+        )
+    return width, height
+
+
 def _pyav() -> ModuleType:
     try:
         import av
     except ImportError as error:
         raise ScanError(
-            "videos: expected the library PyAV, found none; install planfit[video]"
+            "videos: expected the library PyAV, found none; pip install 'planfit[video]'"
         ) from error
     return av
 
