@@ -17,8 +17,8 @@ from planfit.cli.topics import topics
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.scan import ScanOptions
-from planfit.scan.recording import scan_from_recording
 from planfit.scan.source import FolderSource
+from planfit.scan.usable_frames import scan_from_recording
 from scan_samples import make_sample, matrix_text, png, put
 
 ROOT = Path(__file__).parents[1]

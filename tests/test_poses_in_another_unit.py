@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
+from builders import look, room_scan
 from planfit.errors import ScanError
 from planfit.evaluation import position_errors
 from planfit.export.cloud import read_ply_points
@@ -161,6 +162,38 @@ def test_ratio_and_sizes_tell_whose_unit_is_wrong(
     found = unit_found(truth, metres, depth_m, height_m, read_in_m)
     assert found.factor == pytest.approx(unit.factor)
     assert found.rival == pytest.approx(unit.rival)
+
+
+@pytest.mark.parametrize(
+    ("room_m", "unit"),
+    [
+        # 1/4000 read as 1/5000 m: a flat and a tall cellar are told apart, not two rooms of usual height.
+        (2.04, DepthUnit(1.25)),
+        (2.5, DepthUnit(rival=1.25)),
+        (2.3, DepthUnit(rival=1.25)),
+        # Too low for any room in both.
+        (0.9, DepthUnit(rival=1.25)),
+    ],
+)
+def test_clear_heights_of_rooms_tell_units_that_are_near_each_other(truth, room_m, unit):
+    fit = ConventionFit("unit:0.8", 0.9, "recorded", 0.0, 100, 5.0)
+    tracking = replace(believe_all(truth), convention=fit.name, convention_fit=fit)
+    scan = replace(truth.scan, depth_read_in_m=TUM)
+    found = unit_by_motion(scan, tracking, Sizes(2.4, 1.04, room_m))
+    assert (found.factor, found.rival) == pytest.approx((unit.factor, unit.rival))
+
+
+@pytest.mark.parametrize("height_m", [2.4, 3.2])
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_heights_of_a_room_over_its_floor(height_m, factor):
+    table = ((2.0, 1.0, 0.0), (3.0, 2.0, 0.7))
+    views = np.stack([look([0.5, 2, 1.4], 40 - 10 * i) for i in range(9)])
+    scan = room_scan(views, size_m=(6.0, 4.0, height_m), boxes=(table,))
+    scan = replace(scan, files=LongDepth(scan.files, factor), depth_read_in_m=MM)
+    found = Sizes.of(scan)
+    assert found.camera_height_m == pytest.approx(factor * 1.4, rel=0.03)
+    assert found.room_height_m == pytest.approx(factor * height_m, rel=0.03)
+    assert Sizes.of(replace(scan, depth_read_in_m=None)) == Sizes(None, None)
 
 
 @pytest.mark.slow

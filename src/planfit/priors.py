@@ -272,6 +272,11 @@ STEP_AT_VIDEO_RATE_M = Prior(
     "No step between two frames is as long: people walk at 1.34 m/s (Weidmann 1993), 0.05 m a frame at 30 "
     "Hz and 0.27 m at 5 Hz.",
 )
+CLOCK_RATE_SHARE = Prior(
+    0.005,
+    "Share by which two clocks run apart: quartzes by 1e-4 (data sheets), frames that are taken at 29.97 a "
+    "second and counted at 30 by 1e-3. Chosen here.",
+)
 DRIFT_SHARE = Prior(
     0.15,
     "No tracker loses as much of a path: published ones lose 0.5 to 2 % (KITTI odometry benchmark). What "
@@ -296,6 +301,16 @@ CAMERA_HEIGHT_SIGMA_SHARE = Prior(
     0.4,
     "Of the natural logarithm of the same: robots' 0.5 m and backpacks' 2.1 m lie within 2.4 of these. "
     "Chosen here.",
+)
+ROOM_HEIGHT_SIGMA_SHARE = Prior(
+    0.15,
+    "Of the natural logarithm of the clear height of rooms, about WALL_HEIGHT_M: cellars of 2.1 m and old "
+    "flats of 3.4 m lie within two of these. Chosen here.",
+)
+OTHER_HEIGHT_SHARE = Prior(
+    0.2,
+    "How often what nine frames show between floor and ceiling is no clear height of a usual room: halls and "
+    "shells are higher, tables under shelves lower. Chosen here.",
 )
 STRANGE_SIZE_SHARE = Prior(
     0.02,

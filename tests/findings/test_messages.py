@@ -79,6 +79,7 @@ def test_facts_that_words_need_are_asked_for_at_once():
         (PlanKind.LITTLE_WALL_ON_PLAN, {"is_plan_metric": False}, "plan of this building?"),
         (PlanKind.THICKNESS_FITTED, {"drawn_thickness_m": 0.03}, "as strokes 0.03 m thick: "),
         (PoseKind.CLOCK_CORRECTED, {"offset_s": -0.02, "offset_frames": -0.6}, "20 ms earlier"),
+        (PoseKind.CLOCK_CORRECTED, {"rate": -0.004}, "half way, and 4 ms earlier each second"),
         (ScanKind.NO_MATCHES, {"has_plan": False, "has_colour": True}, "by the floor alone; check"),
         (ResultKind.FRAMES_NOT_FIXED, {"direction": None}, "are not fixed: they may be off"),
     ],

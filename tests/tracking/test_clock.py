@@ -84,6 +84,29 @@ def test_the_offset_is_found_and_undone(late_s):
     assert tracking.breaks == ()
 
 
+@pytest.mark.parametrize(("late_s", "rate"), [(0.03, 0.005), (-0.05, -0.004), (0.0, 0.003)])
+def test_clocks_that_run_apart_are_found_and_undone(late_s, rate):
+    rng = np.random.default_rng(9)
+    times = np.arange(420) / RATE_HZ
+    walk = Handheld(rng, times[-1] + 1.0)
+    true = walk.at(times + late_s + rate * (times - times[-1] / 2))
+    poses, motions = recorded(walk.at(times), rng), measure(true, rng)
+    tracking = judged(poses, motions, times)
+    assert tracking.clock.rate == pytest.approx(rate, abs=5e-4)
+    assert tracking.clock.offset_s == pytest.approx(late_s, abs=0.005)
+    assert np.sqrt(np.mean(errors_m(tracking.world_from_cams, true) ** 2)) < 0.01
+    assert f"{1000 * abs(tracking.clock.rate):.2g} ms" in tracking.findings[0].words
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.05])
+def test_clocks_that_run_alike_have_no_rate(late_s):
+    for seed in range(3):
+        _, poses, motions, times = scanned(20 + seed, late_s, n=420)
+        clock = judged(poses, motions, times).clock
+        assert (clock is None) == (late_s == 0.0)
+        assert clock is None or clock.rate == 0.0
+
+
 def test_without_a_delay_poses_stay_bit_for_bit():
     _, poses, motions, times = scanned(1, 0.0)
     tracking = judged(poses, motions, times)

@@ -153,6 +153,31 @@ def test_a_unit_of_their_own_is_measured_used_and_said(walked, metres):
         assert_allclose(found, tracking.recorded_world_from_cams)
 
 
+@pytest.mark.parametrize("metres", [0.6, 1 / 1.31, 1.31, 20.0])
+def test_short_steps_tell_a_unit_too(metres):
+    """0.05 m from frame to frame, told to 0.02 m: none of them is known to a tenth, all of them are."""
+    rng = np.random.default_rng(4)
+    true = with_unit(walk(rng, 120), 0.2)
+    motions = measure(true, rng)
+    poses = tracked(true, rng, np.deg2rad(0.05), 0.004)
+    assert not best_convention(poses, motions, OdometryOptions()).is_clear
+    tracking = judged(with_unit(poses, 1 / metres), motions, "recorded")
+    assert tracking.metres_per_unit == pytest.approx(metres, rel=0.05)
+
+
+def test_directions_that_surfaces_leave_free_tell_no_unit():
+    """They were brought together from the recorded motion, and stay there along a corridor."""
+    rng = np.random.default_rng(5)
+    true = walk(rng, 120)
+    motions, poses = measure(true, rng), with_unit(tracked(true, rng), 1 / 0.4)
+    i, j = motions.pairs.T
+    recorded = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
+    a_from_b, covariance = motions.a_from_b.copy(), motions.covariance.copy()
+    a_from_b[:, 2, 3], covariance[:, 5, 5] = recorded[:, 2], 1.0
+    told = replace(motions, a_from_b=a_from_b, covariance=covariance)
+    assert unit_by_motions(poses, told) == pytest.approx(0.4, rel=0.05)
+
+
 def test_a_unit_beside_another_convention_is_measured_too(walked):
     poses, motions = walked
     mistaken = with_unit(MISTAKES["opengl"](poses), 1 / 0.4)

@@ -18,8 +18,8 @@ from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.corrected import corrected_plan
 from planfit.pipeline.depth_unit import DepthUnit, in_unit
-from planfit.pipeline.observations import with_poses
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.recorded_motion import with_poses
 from planfit.runtime import archive_of, options_of
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_scan, read_tum
 from planfit.scan.pose_files import take_poses

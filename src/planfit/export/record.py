@@ -203,8 +203,10 @@ def _tracking_record(tracking: Tracking) -> dict[str, Any]:
 
 
 def _clock_record(clock: ClockOffset) -> dict[str, Any]:
-    """How much later than their poses images were taken; seconds are None where frames have numbers."""
+    """How much later than their poses images were taken half way, and by which share of the time more further
+    on; seconds are None where frames have numbers."""
     return {
+        "rate": clock.rate,
         "offset_s": clock.offset_s,
         "sigma_s": clock.sigma_s,
         "offset_frames": clock.intervals,

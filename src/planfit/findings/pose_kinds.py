@@ -3,12 +3,15 @@
 from planfit.findings.message import Kind, note, reservation, warning
 
 
-def _clock(offset_s: float | None, offset_frames: float) -> str:
-    """ "30 ms later than their poses"."""
+def _clock(offset_s: float | None, offset_frames: float, rate: float) -> str:
+    """ "30 ms later than their poses", and what it grows by."""
     size = f"{abs(offset_frames):.2g} frames"
     if offset_s is not None:
         size = f"{1000 * abs(offset_s):.0f} ms"
-    return f"{size} {'later' if offset_frames > 0 else 'earlier'} than their poses"
+    size += f" {'later' if offset_frames > 0 else 'earlier'} than their poses"
+    if not rate:
+        return size
+    return f"{size} half way, and {1000 * abs(rate):.2g} ms {'later' if rate > 0 else 'earlier'} each second"
 
 
 def _done(unmatched_after_frames: tuple[int, ...]) -> str:

@@ -16,19 +16,22 @@ from planfit.alignment import is_clearly_likelier
 from planfit.errors import ScanError
 from planfit.findings import Finding, PoseKind
 from planfit.geometry.calibration import SensorCalibration
-from planfit.geometry.depth_normals import depth_normals
 from planfit.priors import (
     CAMERA_HEIGHT_M,
     CAMERA_HEIGHT_SIGMA_SHARE,
+    OTHER_HEIGHT_SHARE,
     OTHER_UNIT_SHARE,
+    ROOM_HEIGHT_SIGMA_SHARE,
+    STOREY_HEIGHT_M,
     STRANGE_SIZE_SHARE,
     SURE_SIGMAS,
     VIEW_DISTANCE_M,
     VIEW_DISTANCE_SIGMA_SHARE,
+    WALL_HEIGHT_M,
     Prior,
 )
 from planfit.scan import Scan, calibrated_scan, depth_of_nine, median_depth_m
-from planfit.segmentation import most_common_upright
+from planfit.segmentation import most_common_upright, oriented_points
 from planfit.tracking import Tracking
 
 MILLIMETRE, TUM, REPLICA, FOOT = 1e-3, 1 / 5000, 1 / 6553.5, 0.3048
@@ -41,15 +44,11 @@ FLOAT_UNITS = (MILLIMETRE, FOOT)
 ANY = 1e3
 """Units of poses' own lie between a thousandth of a metre and so many metres, and sizes that are not those of
 rooms within such a factor; each is as likely."""
-STEP_PX = 8
-"""Pixels between those that the floor is told by."""
-NORMAL_RADIUS_PX = 5
-"""Of the normals, as those that gravity is found by."""
 LEVEL = 0.96
-"""Upward part of the normals of floors and tables."""
-MIN_LEVEL = 100
-"""Pixels of level surfaces that tell of a floor."""
-FLOOR_SHARE = 0.75
+"""Upward part of the normals of floors and tables, and downward part of ceilings'."""
+MIN_LEVEL = 50
+"""Pixels of level surfaces that tell of a floor, or of a ceiling."""
+FLOOR_SHARE = 0.9
 """The floor is further below the camera than this share of all level surfaces: of tables and seats, too."""
 
 
@@ -98,6 +97,8 @@ class Sizes:
     """Median depth."""
     camera_height_m: float | None
     """Of the camera over the floor."""
+    room_height_m: float | None = None
+    """Of the ceiling over the floor."""
 
     @staticmethod
     def of(scan: Scan) -> "Sizes":
@@ -108,13 +109,16 @@ class Sizes:
         """
         if scan.depth_read_in_m is None:
             return Sizes(None, None)
-        return Sizes(median_depth_m(scan), _camera_height_m(scan))
+        return Sizes(median_depth_m(scan), *_heights_m(scan))
 
     def cost(self, factor: float) -> float:
         """Twice the negative log likelihood of these, if depth is to be multiplied by a factor."""
         of_median = _cost(self.median_m, factor, VIEW_DISTANCE_M, VIEW_DISTANCE_SIGMA_SHARE)
         of_height = _cost(self.camera_height_m, factor, CAMERA_HEIGHT_M, CAMERA_HEIGHT_SIGMA_SHARE)
-        return of_median + of_height
+        of_room = _cost(
+            self.room_height_m, factor, WALL_HEIGHT_M, ROOM_HEIGHT_SIGMA_SHARE, STOREY_HEIGHT_M.high
+        )
+        return of_median + of_height + of_room
 
 
 @runtime_checkable
@@ -198,32 +202,45 @@ def _factors(scan: Scan) -> tuple[float, ...]:
     return tuple(unit / read_m for unit in units if unit != read_m)
 
 
-def _cost(size_m: float | None, factor: float, usual_m: Prior, sigma_share: Prior) -> float:
-    """Twice the negative log likelihood of a size: usual, or now and then any."""
+def _cost(
+    size_m: float | None,
+    factor: float,
+    usual_m: Prior,
+    sigma_share: Prior,
+    highest_m: float | None = None,
+) -> float:
+    """Twice the negative log likelihood of a size: usual, or now and then any. Heights may also be those of
+    halls, up to the highest, and of tables under shelves, from half the usual one on."""
     if size_m is None:
         return 0.0
     sigmas = np.log(factor * size_m / usual_m.value) / sigma_share.value
     usual = np.exp(-0.5 * sigmas**2) / (sigma_share.value * np.sqrt(2 * np.pi))
+    if highest_m is not None:
+        is_within = usual_m.value / 2 <= factor * size_m <= highest_m
+        of_others = is_within / np.log(2 * highest_m / usual_m.value)
+        usual = (1 - OTHER_HEIGHT_SHARE.value) * usual + OTHER_HEIGHT_SHARE.value * of_others
     strange = STRANGE_SIZE_SHARE.value
     return float(-2 * np.log((1 - strange) * usual + strange / np.log(ANY)))
 
 
-def _camera_height_m(scan: Scan) -> float | None:
-    """Of cameras over the floor, as level surfaces below them show it in nine frames; None where none do.
+def _heights_m(scan: Scan) -> tuple[float | None, float | None]:
+    """Of cameras and of the ceiling over the floor, as level surfaces show it in nine frames; None where none
+    do.
 
     By each frame's own upright, which needs no poses: their convention is not known yet.
     """
-    below_m = []
+    heights_m: list[np.ndarray] = [np.zeros(0)]
     for i, depth in depth_of_nine(scan):
-        if min(depth.shape) < 4 * NORMAL_RADIUS_PX:
-            continue  # too small for normals
-        points = scan.cameras[i].lift_image(depth)
-        normals = depth_normals(points, NORMAL_RADIUS_PX, step_px=STEP_PX).reshape(-1, 3)
-        points = points[::STEP_PX, ::STEP_PX].reshape(-1, 3)
-        told = normals[np.isfinite(normals).all(axis=1)]
-        up = most_common_upright(told, np.array([0.0, -1.0, 0.0])).up_world
-        is_level = normals @ up > LEVEL  # NaN is not
-        below_m.append(-points[is_level] @ up)
-    below = np.concatenate(below_m) if below_m else np.zeros(0)
-    below = below[below > 0]
-    return float(np.quantile(below, FLOOR_SHARE)) if len(below) >= MIN_LEVEL else None
+        points, normals = oriented_points(scan.cameras[i], depth)
+        up = most_common_upright(normals, np.array([0.0, -1.0, 0.0])).up_world
+        height_m, facing = points @ up, normals @ up
+        # Of floors and tables below the camera, which face up, and of what faces down above it.
+        heights_m.append(height_m[(np.abs(facing) > LEVEL) & (height_m * facing < 0)])
+    height_m = np.concatenate(heights_m)
+    below_m, above_m = -height_m[height_m < 0], height_m[height_m > 0]
+    if len(below_m) < MIN_LEVEL:
+        return None, None
+    camera_m = float(np.quantile(below_m, FLOOR_SHARE))
+    if len(above_m) < MIN_LEVEL:
+        return camera_m, None
+    return camera_m, camera_m + float(np.median(above_m))

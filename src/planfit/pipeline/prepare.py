@@ -16,8 +16,9 @@ from planfit.adjust import (
 from planfit.errors import require_plain_numbers
 from planfit.findings import Finding
 from planfit.pipeline.by_hand import with_interpolated
-from planfit.pipeline.observations import Observations, believe_recorded
+from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
+from planfit.pipeline.recorded_motion import believe_recorded
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import level_from_world

@@ -6,10 +6,10 @@ from planfit.scan.poses import write_tum as write_tum
 from planfit.scan.read import depth_of_nine as depth_of_nine
 from planfit.scan.read import median_depth_m as median_depth_m
 from planfit.scan.read import read_scan as read_scan
-from planfit.scan.recording import scan_from_recording as scan_from_recording
 from planfit.scan.types import Label as Label
 from planfit.scan.types import Scan as Scan
 from planfit.scan.types import ScanFiles as ScanFiles
 from planfit.scan.types import ScanOptions as ScanOptions
+from planfit.scan.usable_frames import scan_from_recording as scan_from_recording
 from planfit.scan.views import calibrated_scan as calibrated_scan
 from planfit.scan.views import corrupt_frames as corrupt_frames

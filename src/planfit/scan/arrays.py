@@ -15,8 +15,9 @@ from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.lens import Lens
 from planfit.scan.poses import write_tum
 from planfit.scan.read import check_depth_unit
-from planfit.scan.recording import Frame, Recording, Size, StoredImages, scan_from_recording
+from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.types import Label, Scan, ScanOptions
+from planfit.scan.usable_frames import scan_from_recording
 
 Images = Sequence[np.ndarray] | np.ndarray
 """One array a frame, or one array of all frames."""

@@ -20,9 +20,10 @@ from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
 from planfit.scan.pose_files import take_poses
-from planfit.scan.recording import Recording, scan_from_recording
+from planfit.scan.recording import Recording
 from planfit.scan.source import FileSource, ZipSource, open_source
 from planfit.scan.types import Scan, ScanOptions
+from planfit.scan.usable_frames import scan_from_recording
 from planfit.scan.views import tolerate_corrupt_frames
 
 

@@ -16,6 +16,7 @@ from planfit.scan.poses import are_of_a_clock, contradicts_path, join_times, pos
 from planfit.scan.recording import Frame
 from planfit.scan.source import FileSource
 from planfit.scan.tables import read_rows, shorten, with_decimal_point
+from planfit.scan.types import Image
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,11 @@ def columns_of_list(
             f"{source.path / file}: expected lines `time filename{more}`, found another ({shorten(error)})"
         ) from error
     return ImageList(file, times, names)
+
+
+def image_lacked(color: int, depth: int) -> Image:
+    """By the frame's images of two lists, -1 where it has none (`join_times`)."""
+    return "colour" if color < 0 else "depth" if depth < 0 else ""
 
 
 def frames_of_lists(
@@ -133,7 +139,8 @@ def frames_of_lists(
         if not ok:
             skipped.append(f"frame {colour or own}: no pose within {max_gap_s:g} s")
             continue
-        lacks = "colour" if i < 0 else "" if own else "depth"
         stem = Path(colour or own).stem
-        frames.append(Frame(stem, float(time), pose, colour, own, lacks=lacks))
+        frames.append(
+            Frame(stem, float(time), pose, colour, own, lacks=image_lacked(int(i), int(j)))
+        )
     return TimedFrames(frames, skipped, told)

@@ -5,6 +5,7 @@ from planfit.segmentation.back_ends import BackEnd as BackEnd
 from planfit.segmentation.gravity import Gravity as Gravity
 from planfit.segmentation.gravity import find_gravity as find_gravity
 from planfit.segmentation.gravity import most_common_upright as most_common_upright
+from planfit.segmentation.gravity import oriented_points as oriented_points
 from planfit.segmentation.segment import SegmentationOptions as SegmentationOptions
 from planfit.segmentation.segment import choose_back_end as choose_back_end
 from planfit.segmentation.segment import level_from_world as level_from_world

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from planfit.geometry.camera import Camera
 from planfit.geometry.depth_normals import depth_normals
 from planfit.runtime import Runtime, cache_key, short_repr
 from planfit.scan import Scan
@@ -19,6 +20,8 @@ _MAX_FRAMES = MAX_FRAMES
 """Frames looked at, spread evenly over the scan."""
 _MAX_TILT_DEG = 40.0
 """The camera is held upright within this on average; it tells floor and ceiling from walls."""
+_NORMAL_RADIUS_PX, _STEP_PX = 5, 8
+"""Of the normals, and between the pixels that have one."""
 _CLUSTER_DEG = 5.0
 """Level surfaces and walls within this of level and upright take part in the fit."""
 
@@ -49,9 +52,7 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
 
     def normals_world(item: int) -> dict[str, np.ndarray]:
         i = int(frames[item])
-        points = scan.cameras[i].lift_image(scan.files.depth(i))
-        normals = depth_normals(points, 5, step_px=8).reshape(-1, 3)
-        normals = normals[np.isfinite(normals).all(axis=1)]
+        _, normals = oriented_points(scan.cameras[i], scan.files.depth(i))
         return {"normals": normals @ scan.world_from_cams[i, :3, :3].T}
 
     key = cache_key(scan.fingerprint, scan.world_from_cams[frames].tobytes())
@@ -60,6 +61,18 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     up_of_cameras = -scan.world_from_cams[:, :3, 1].mean(axis=0)
     up_of_cameras /= max(float(np.linalg.norm(up_of_cameras)), 1e-9)
     return most_common_upright(normals, up_of_cameras)
+
+
+def oriented_points(
+    camera: Camera, depth: Float[np.ndarray, "h w"]
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Points (m) and unit normals of some pixels of a depth image, camera axes; none of one too small."""
+    if min(depth.shape) < 4 * _NORMAL_RADIUS_PX:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    points = camera.lift_image(depth)
+    normals = depth_normals(points, _NORMAL_RADIUS_PX, step_px=_STEP_PX).reshape(-1, 3)
+    is_told = np.isfinite(normals).all(axis=1)
+    return points[::_STEP_PX, ::_STEP_PX].reshape(-1, 3)[is_told], normals[is_told]
 
 
 def most_common_upright(normals: np.ndarray, near: np.ndarray) -> Gravity:

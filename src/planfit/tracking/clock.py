@@ -1,7 +1,8 @@
 """Time between images and poses: the offset that makes recorded motions explain the measured ones best.
 
 Temporal calibration (Furgale, Rehder and Siegwart 2013; Qin and Shen 2018) in one dimension: the recorded
-trajectory is read at the frames' times plus an offset, and compared with motions from images alone.
+trajectory is read at the frames' times plus an offset, and compared with motions from images alone. Where
+clocks run apart, as where times are counted at a nominal rate, the offset grows with time.
 """
 
 from dataclasses import dataclass, replace
@@ -10,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.findings import Finding, PoseKind
-from planfit.priors import SURE_SIGMAS
+from planfit.priors import CLEAR_ODDS, CLOCK_RATE_SHARE, SURE_SIGMAS
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
 from planfit.tracking.noise import FREEDOM, noise_factors
@@ -21,6 +22,8 @@ GRID = 0.25
 """Offsets tried, in frame intervals; half an interval is a whole number of them."""
 HALF = 2
 """Of them, in half an interval."""
+RATE_GRID = GRID / 4
+"""Between the rates that are tried, in frame intervals at the ends of the walk."""
 MIN_MOTIONS, MAX_MOTIONS = 30, 2000
 """Fewer motions tell no offset; more do not tell it better, and are thinned."""
 MIN_BLOCKS, MAX_BLOCKS, BLOCK_FRAMES = 6, 30, 8
@@ -50,7 +53,7 @@ class ClockOffset:
     """How much later than their poses images were taken."""
 
     intervals: float
-    """In frame intervals; negative where images are earlier."""
+    """In frame intervals, half way; negative where images are earlier."""
     sigma_intervals: float
     """Standard deviation, from how much stretches of the walk disagree, and of what interpolation hides."""
     interval_s: float | None
@@ -58,6 +61,12 @@ class ClockOffset:
     is_read: bool
     """Whether poses were read from the trajectory at the images' times. They were not where frames are too
     far apart: motions read between them explain the images no better."""
+    rate: float = 0.0
+    """By which share of the time images get later than their poses; 0 where the clocks run alike."""
+
+    def offsets(self, times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """At each of the frames' times, all in frame intervals."""
+        return self.intervals + self.rate * (times - _middle(times))
 
     @property
     def offset_s(self) -> float | None:
@@ -79,7 +88,8 @@ class ClockOffset:
     def finding(self) -> Finding:
         """For the user."""
         kind = PoseKind.CLOCK_CORRECTED if self.is_read else PoseKind.CLOCK_OFF
-        return Finding(kind, {"offset_s": self.offset_s, "offset_frames": self.intervals})
+        facts = {"offset_s": self.offset_s, "offset_frames": self.intervals, "rate": self.rate}
+        return Finding(kind, facts)
 
 
 @dataclass(frozen=True)
@@ -88,6 +98,39 @@ class _Costs:
 
     offsets: Float[np.ndarray, " g"]
     by_block: Float[np.ndarray, "b g"]
+    since_middle: Float[np.ndarray, " b"]
+    """Times of the stretches since the middle of the walk, frame intervals."""
+    frames_per_motion: float
+    """Motions that share frames share their errors: they are worth no more than there are frames."""
+
+    def at_rate(self, rate: float) -> "_Costs | None":
+        """Of offsets half way, where they grow at a rate; None where the search does not reach so far."""
+        grown = rate * self.since_middle
+        cut = int(np.ceil(np.abs(grown).max() / GRID))
+        if len(self.offsets) < 2 * (cut + 2 * HALF) + 1:
+            return None
+        offsets = self.offsets[cut : len(self.offsets) - cut]
+        rows = zip(grown, self.by_block, strict=True)
+        by_block = [np.interp(offsets + more, self.offsets, row) for more, row in rows]
+        return replace(self, offsets=offsets, by_block=np.stack(by_block))
+
+    def apart(self) -> "tuple[float, _Costs]":
+        """The rate at which the clocks run apart, 0 where none is clearly likelier, and the costs at it."""
+        ends = float(np.abs(self.since_middle).max())
+        most = int(CLOCK_RATE_SHARE.value * ends / RATE_GRID)
+        rates = np.arange(-most, most + 1) * RATE_GRID / max(ends, 1.0)
+        tried = {float(rate): at for rate in rates if (at := self.at_rate(float(rate))) is not None}
+        lowest = {}
+        for rate, at in tried.items():
+            averaged = at.averaged()
+            lowest[rate] = averaged[:, np.argmin(averaged.sum(axis=0))]
+        best = min(lowest, key=lambda rate: lowest[rate].sum(), default=0.0)
+        if best == 0.0:
+            return 0.0, self
+        falls = lowest[0.0] - lowest[best]
+        is_clear = falls.sum() * self.frames_per_motion > np.log(CLEAR_ODDS.value)
+        is_apart = is_clear and _significance(falls) > MIN_SIGMAS
+        return (best, tried[best]) if is_apart else (0.0, self)
 
     def averaged(self) -> Float[np.ndarray, "b g"]:
         """Each over one frame interval about its offset; without half an interval at both ends.
@@ -142,10 +185,11 @@ def find_clock(
     if len(usable) < MIN_MOTIONS or len(world_from_cams) < MIN_BLOCKS * BLOCK_FRAMES:
         return None
     usable = usable[np.unique(np.linspace(0, len(usable) - 1, MAX_MOTIONS).astype(int))]
-    found, at = None, 0.0
+    found = None
     for _ in range(2):  # the noise at the offset, by which departures count, is told only near it
         read = world_from_cams
-        if at:
+        if found is not None:
+            at = found.offsets(times.intervals)
             read = interpolate_trajectory(world_from_cams, times.intervals, at, is_whole)
         steps = make_odometry(read, odometry, None, keyframe_idx)
         covariance = expected_covariance(usable, steps, noise_factors(read, steps, usable))
@@ -153,7 +197,6 @@ def find_clock(
         found = _minimum(costs, times)
         if found is None:
             return None
-        at = found.intervals
     steps_m = np.linalg.norm(np.diff(world_from_cams[:, :3, 3], axis=0), axis=1)
     if found is not None and np.median(steps_m[is_whole]) > MAX_STEP_M:
         return replace(found, is_read=False)
@@ -199,11 +242,20 @@ def _costs(
         squared = np.sum(np.einsum("pij,pj->pi", whiten, departed) ** 2, axis=1)
         cost = (FREEDOM + 6.0) / 2 * np.log1p(squared / FREEDOM)
         by_block[:, k] = np.bincount(block, cost, n_blocks)
-    return _Costs(offsets, by_block[np.bincount(block, minlength=n_blocks) > 0])
+    count = np.bincount(block, minlength=n_blocks)
+    since = np.bincount(block, times[motions.pairs].mean(axis=1) - _middle(times), n_blocks)
+    has = count > 0
+    frames_per_motion = len(np.unique(motions.pairs)) / len(motions)
+    return _Costs(offsets, by_block[has], since[has] / count[has], frames_per_motion)
 
 
-def _minimum(costs: _Costs, times: FrameTimes) -> ClockOffset | None:
+def _middle(times: Float[np.ndarray, " n"]) -> float:
+    return float(times[0] + times[-1]) / 2
+
+
+def _minimum(as_is: _Costs, times: FrameTimes) -> ClockOffset | None:
     """Where the averaged cost is least; None where that is at an end, or the fall is not significant."""
+    rate, costs = as_is.apart()
     averaged, slopes = costs.averaged(), costs.slopes()
     offsets = costs.offsets[HALF:-HALF]
     total, slope = averaged.sum(axis=0), slopes.sum(axis=0)
@@ -219,16 +271,16 @@ def _minimum(costs: _Costs, times: FrameTimes) -> ClockOffset | None:
     sigma = float(np.sqrt(np.sum(at_best**2) * n / (n - 1)) / curvature)
     zero = len(offsets) // 2
     fall = _significance(averaged[:, zero] - averaged[:, k])
-    read = costs.by_block[:, HALF:-HALF]
-    gain = _significance(read[:, zero] - read[:, k])
+    read, now = as_is.by_block, costs.by_block[:, HALF:-HALF]
+    gain = _significance(read[:, len(as_is.offsets) // 2] - now[:, k])
     least = (
         MIN_INTERVALS if times.interval_s is None else max(MIN_INTERVALS, MIN_S / times.interval_s)
     )
     is_kept = abs(best) > max(least, MIN_SIGMAS * sigma)
-    if not is_kept or fall < MIN_SIGMAS:
+    if not rate and (not is_kept or fall < MIN_SIGMAS):
         return None
     sigma = float(np.hypot(sigma, INTERPOLATION_SIGMA))
-    return ClockOffset(best, sigma, times.interval_s, gain > MIN_SIGMAS)
+    return ClockOffset(best, sigma, times.interval_s, gain > MIN_SIGMAS, rate)
 
 
 def _significance(falls: Float[np.ndarray, " b"]) -> float:

@@ -136,9 +136,10 @@ class _Clocked:
             for d in _mended(Filled(recorded), self.motions, tracker)[1]:
                 is_whole[[d.first - 1, min(d.last, len(is_whole) - 1)]] = False
         times = self.times.intervals
+        offsets = clock.offsets(times)
         return (
-            interpolate_trajectory(recorded, times, clock.intervals, is_whole),
-            interpolation_sigmas(recorded, times, clock.intervals, is_whole),
+            interpolate_trajectory(recorded, times, offsets, is_whole),
+            interpolation_sigmas(recorded, times, offsets, is_whole),
         )
 
     def _is_tracked(self, recorded: Poses) -> Bool[np.ndarray, " s"]:

@@ -1,7 +1,7 @@
 """Poses in a unit of their own: of structure from motion, of trackers with one camera."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from planfit.geometry import se3
 from planfit.tracking.motions import MeasuredMotions
@@ -47,22 +47,15 @@ def unit_by_motions(poses: Poses, motions: MeasuredMotions) -> float | None:
 
     Recorded steps are smooth where a tracker is good, so what was measured is taken as a share of them.
     Where they are noisier than what was measured, that share is too low, and the inverse share the right one:
-    both have to say so. Only motions that tell lengths to a tenth count: surfaces leave directions free, and
-    what they are brought together from, the recorded motion, stays there.
+    both have to say so. Directions that measured motions leave free weigh nothing: surfaces are brought
+    together from the recorded motion, and stay there in these.
     """
-    motions = motions[_tell_lengths(motions)]
-    steps, measured = _recorded_steps(poses, motions), motions.a_from_b[:, :3, 3]
-    low, high = _share(measured, steps), 1 / max(share_of_measured(poses, motions), 1e-12)
+    low, high = (
+        _share(poses, motions, of_recorded=True),
+        1 / max(share_of_measured(poses, motions), 1e-12),
+    )
     is_metre = min(low, high) < MIN_DEPARTURE and max(low, high) > 1 / MIN_DEPARTURE
     return None if low <= 0 or is_metre else low
-
-
-def _tell_lengths(motions: MeasuredMotions) -> Bool[np.ndarray, " p"]:
-    moved = motions.a_from_b[:, :3, 3]
-    squared = np.sum(moved**2, axis=1)
-    along = np.einsum("pi,pij,pj->p", moved, motions.covariance[:, 3:, 3:], moved)
-    # along / squared is the variance of the length, so this is sigma < a tenth of the length.
-    return along < ((MIN_DEPARTURE - 1) * squared) ** 2
 
 
 def share_of_measured(poses: Poses, motions: MeasuredMotions) -> float:
@@ -70,19 +63,23 @@ def share_of_measured(poses: Poses, motions: MeasuredMotions) -> float:
 
     Noise makes steps longer but not along the measured direction.
     """
-    return _share(_recorded_steps(poses, motions), motions.a_from_b[:, :3, 3])
+    return _share(poses, motions, of_recorded=False)
 
 
-def _recorded_steps(poses: Poses, motions: MeasuredMotions) -> Float[np.ndarray, "p 3"]:
+def _share(poses: Poses, motions: MeasuredMotions, of_recorded: bool) -> float:
+    """Of one kind of steps along the other by the length of these: the median, each by how surely it is told;
+    0 of none."""
     i, j = motions.pairs.T
-    return (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
-
-
-def _share(vectors: Float[np.ndarray, "p 3"], of: Float[np.ndarray, "p 3"]) -> float:
-    """Of vectors along others by the length of these: the median over the longer half of them; 0 of none."""
-    squared = np.sum(of**2, axis=1)
-    longer = squared > 0
-    if longer.any():
-        longer &= squared >= np.median(squared)
-    along = np.sum(vectors * of, axis=1)[longer] / squared[longer]
-    return float(np.median(along)) if longer.any() else 0.0
+    recorded = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
+    measured = motions.a_from_b[:, :3, 3]
+    of = recorded if of_recorded else measured
+    surety = np.linalg.inv(motions.covariance[:, 3:, 3:])
+    squared = np.einsum("pi,pij,pj->p", of, surety, of)
+    along = np.einsum("pi,pij,pj->p", recorded, surety, measured)
+    moved = np.flatnonzero(squared > 0)
+    if len(moved) == 0:
+        return 0.0
+    shares = along[moved] / squared[moved]
+    order = np.argsort(shares)
+    weight = np.cumsum(squared[moved][order])
+    return float(shares[order][np.searchsorted(weight, weight[-1] / 2)])

@@ -39,10 +39,10 @@ def frame_times(timestamps: Float[np.ndarray, " n"]) -> FrameTimes:
 def interpolate_trajectory(
     world_from_cams: Poses,
     times: Float[np.ndarray, " n"],
-    offset: float,
+    offset: float | Float[np.ndarray, " n"],
     is_whole: Bool[np.ndarray, " s"],
 ) -> Poses:
-    """Poses of a trajectory at the times of its frames plus an offset.
+    """Poses of a trajectory at the times of its frames plus an offset, one for all or each its own.
 
     They are interpolated between the poses around them. At the ends, and at steps (frame i to i + 1) that
     are not whole, motion goes on at the velocity of the last step.
@@ -54,7 +54,7 @@ def interpolate_trajectory(
 def interpolation_sigmas(
     world_from_cams: Poses,
     times: Float[np.ndarray, " n"],
-    offset: float,
+    offset: float | Float[np.ndarray, " n"],
     is_whole: Bool[np.ndarray, " s"],
 ) -> Float[np.ndarray, "n 2"]:
     """How far `interpolate_trajectory` may be off at each frame: rotation (rad), translation (m), each axis.
@@ -77,7 +77,9 @@ def interpolation_sigmas(
 
 
 def _brackets(
-    times: Float[np.ndarray, " n"], offset: float, is_whole: Bool[np.ndarray, " s"]
+    times: Float[np.ndarray, " n"],
+    offset: float | Float[np.ndarray, " n"],
+    is_whole: Bool[np.ndarray, " s"],
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Frame before and after the time at which each pose is read, and how far on the way it is."""
     first, last = joined_frames(is_whole)

@@ -178,14 +178,18 @@ def leaps(
     """
     length_m, recorded_m = (np.linalg.norm(s[:, :3, 3], axis=1) for s in (told, recorded))
     change_m = np.linalg.norm(told[:, :3, 3] - recorded[:, :3, 3], axis=1)
-    is_long = length_m > max(LEAP * usual_m, LEAP_M)
-    return is_long & (change_m > LEAP_CHANGED * recorded_m)
+    return (length_m > _longest_m(usual_m)) & (change_m > LEAP_CHANGED * recorded_m)
 
 
 def reach_m(recorded: Float[np.ndarray, "s 4 4"], usual_m: float) -> Float[np.ndarray, " s"]:
     """How far each step may lead and be no leap."""
     recorded_m = np.linalg.norm(recorded[:, :3, 3], axis=1)
-    return np.maximum(max(LEAP * usual_m, LEAP_M), (1.0 + LEAP_CHANGED) * recorded_m)
+    return np.maximum(_longest_m(usual_m), (1.0 + LEAP_CHANGED) * recorded_m)
+
+
+def _longest_m(usual_m: float) -> float:
+    """Of the steps of a walk, where usual ones do not exceed this."""
+    return max(LEAP * usual_m, LEAP_M)
 
 
 def without_leaps(

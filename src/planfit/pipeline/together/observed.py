@@ -15,9 +15,10 @@ from planfit.geometry.calibration import SensorCalibration
 from planfit.matching.tentative import ScanKeypoints
 from planfit.pipeline.calibrate import calibrate_alone, with_priors_of_poses
 from planfit.pipeline.depth_unit import in_unit
-from planfit.pipeline.observations import Observations, observe, with_poses
+from planfit.pipeline.observations import Observations, observe
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.recorded_motion import with_poses
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, calibrated_scan
 from planfit.tracking import Tracking

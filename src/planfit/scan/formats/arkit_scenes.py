@@ -16,6 +16,7 @@ from planfit.scan.poses import MAX_ENTRY, join_times, poses_at
 from planfit.scan.recording import Frame, LensOfFrame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, read_matrix
+from planfit.scan.timed_lists import image_lacked
 from planfit.scan.types import ScanOptions
 
 POSES, DEPTHS = ("lowres_wide.traj", "color.traj"), ("lowres_depth", "depth_densified")
@@ -72,7 +73,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
             f"{color}/{color_names[i]}" if i >= 0 else "",
             f"{depth_folder}/{depth_names[j]}" if j >= 0 else "",
             f"{CONFIDENCE}/{depth_names[j]}" if j >= 0 else "",
-            lacks="colour" if i < 0 else "depth" if j < 0 else "",
+            lacks=image_lacked(i, j),
         )
         for name, i, j, time, pose, ok in zip(
             names, mine, depth, times, poses, known & has_lens, strict=True

@@ -20,6 +20,7 @@ from planfit.scan.lens_file import read_lens
 from planfit.scan.poses import join_times, write_tum
 from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
+from planfit.scan.timed_lists import image_lacked
 from planfit.scan.types import ScanOptions
 
 EXPECTED = "a bag"
@@ -174,7 +175,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
                 pose,
                 str(i) if i >= 0 else "",
                 str(j) if j >= 0 else "",
-                lacks="colour" if i < 0 else "depth" if j < 0 else "",
+                lacks=image_lacked(i, j),
             )
             for time, pose, i, j in zip(
                 times[known], poses[known], mine[known], depth[known], strict=True

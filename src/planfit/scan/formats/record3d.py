@@ -17,10 +17,11 @@ from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import MAX_ENTRY, ROUNDING, from_opengl
-from planfit.scan.recording import Frame, Size, check_proportions
+from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
 from planfit.scan.types import ScanOptions
+from planfit.scan.usable_frames import check_proportions
 
 
 @dataclass(frozen=True)
