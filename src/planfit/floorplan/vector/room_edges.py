@@ -28,11 +28,13 @@ LEAST_BETWEEN, DRAWN_SHARE = 0.02, 0.6
 WALLED_SHARE = 0.4
 """Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
 that end at the faces of walls have next to none."""
+WALLED_ALL_ROUND = 0.75
+"""The same of what runs inside them or along their faces, where all the rest is doors and windows."""
 
 
 def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:
-    """Whether rooms are tints under solid walls, so that their edges are the middles of these and, elsewhere,
-    doors and windows.
+    """Whether rooms are tints under or between solid walls, so that their edges are the middles or the faces of
+    these and, elsewhere, doors and windows.
 
     Args:
         rooms: filled or hatched areas.
@@ -40,8 +42,12 @@ def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> 
         extent: of the drawing.
     """
     edges = shapely.boundary(np.array(rooms, dtype=object))
-    within = shapely.intersection(edges, shapely.buffer(solid, -1e-3 * extent))
-    return bool(shapely.length(within).sum() > WALLED_SHARE * shapely.length(edges).sum())
+    inside, along = (
+        shapely.length(shapely.intersection(edges, shapely.buffer(solid, reach))).sum()
+        for reach in (-1e-3 * extent, 1e-3 * extent)
+    )
+    length = shapely.length(edges).sum()
+    return bool(inside > WALLED_SHARE * length or along > WALLED_ALL_ROUND * length)
 
 
 def around_rooms(

@@ -16,6 +16,7 @@ from planfit.floorplan.vector.areas import (
     main_rooms,
     outside_rooms,
     sort_fills,
+    without_ground,
     without_paper,
 )
 from planfit.floorplan.vector.candidates import Candidates
@@ -277,6 +278,7 @@ def _solids_and_rooms(
         rooms = [*rooms, *hatched]
     else:
         walls = [*walls, *slim]
+    rooms = without_ground(rooms, walls, extent)
     drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
     return walls, main_rooms(rooms, extent, shapely.convex_hull(shapely.GeometryCollection(drawn)))
 
