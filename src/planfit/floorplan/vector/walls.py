@@ -54,6 +54,7 @@ from planfit.floorplan.vector.room_edges import (
     drawn_between_rooms,
     walls_between_rooms,
 )
+from planfit.floorplan.vector.round_walls import round_walls
 from planfit.floorplan.vector.single_lines import (
     body_of_faces,
     single_line_walls,
@@ -153,7 +154,6 @@ def walls_of_drawing(
     has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
-    is_left_out[looked_at[has_form]] = False
     candidates = _merged(lines.take(has_form), role[looked_at[has_form]], extent)
     windows = take_out_windows(candidates.ends, *bounds, 2e-4 * extent)
     candidates = candidates.cut(windows.ends, windows.line)
@@ -172,7 +172,11 @@ def walls_of_drawing(
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
-    faces, apart = _main_part(LineFaces.together(found.parts), extent)
+    round_faces, is_round = _round_walls(LineFaces.together(found.parts), lines)
+    faces, apart = _main_part(LineFaces.together([*found.parts, round_faces]), extent)
+    is_left_out[looked_at[has_form | is_round]] = False
+    if n_curves := int((lines.is_curved & ~is_round).sum()):
+        dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
     doors = _open_doors(faces, swings, metres_per_unit, bounds[1], extent)
     others = open_jambs(doors, lines.ends[has_form], extent)
     faces = others.faces
@@ -207,6 +211,19 @@ def walls_of_drawing(
         + ("opening",) * len(others.openings),
         are_rooms_touching=found.are_rooms_touching,
     )
+
+
+def _round_walls(
+    faces: LineFaces, lines: Lines
+) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+    """Faces of round walls and their lines, where walls are drawn as two lines; where they are solid, curves
+    beside them are windows and furniture."""
+    is_drawn = np.isfinite(faces.thickness) & (faces.line >= 0)
+    length = segments.lengths(faces.ends)
+    if length[is_drawn].sum() <= MAIN_SHARE * length.sum():
+        return LineFaces.together([]), np.zeros(len(lines), dtype=bool)
+    usual = weighted_median(faces.thickness[is_drawn], length[is_drawn])
+    return round_walls(lines, usual)
 
 
 def _counted(n: int, thing: str) -> str:
@@ -293,10 +310,6 @@ def _have_form_of_faces(
     words = []
     if is_row.any():
         words.append(f"{is_row.sum()} lines in rows at equal distance (hatches, stairs)")
-    if lines.is_curved.any():
-        words.append(
-            f"{lines.is_curved.sum()} segments of curves (door arcs, symbols, round walls)"
-        )
     if is_leaf.any():
         words.append(f"{is_leaf.sum()} lines of open doors")
     return ~is_row & ~lines.is_curved & ~is_leaf, words
