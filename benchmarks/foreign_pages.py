@@ -140,12 +140,20 @@ def make_house(rng: np.random.Generator, shape: str = "", rooms: int = 0) -> Hou
                 (doors if is_door else windows).append((at, along, 1.0 if is_door and is_outer else wide, thick))
                 n_wanted -= 1
     holes = shapely.union_all([_hole(*door) for door in doors])
-    centre = shapely.union_all([ring, *[shapely.LineString(w) for w in walls]])
+    # To the centre line of the outer wall, where the rest is cut off.
+    to_rim = [np.array([_to_rim(p, q, outer, (w, d)) for p, q in ((a, b), (b, a))]) for a, b in walls]
+    centre = shapely.union_all([ring, *[shapely.LineString(line) for line in to_rim]])
     centre = centre.intersection(outside.buffer(-outer / 2 + 1e-6, join_style="mitre")).difference(holes)
     pieces = [np.array(p.coords) for p in shapely.get_parts(shapely.line_merge(centre)) if p.length > 0.02]
     solid = solid.difference(holes)
     rooms_found = [p for p in shapely.get_parts(inside.difference(shapely.union_all(boxes))) if p.area > 1]
     return House(outside, inside, solid, pieces, doors, windows, rooms_found)
+
+
+def _to_rim(end, other, outer, size) -> np.ndarray:
+    """An end of a centre line: beyond the face of the outer wall where it lies on that one."""
+    is_at_face = min(np.abs(end - outer).min(), np.abs(np.array(size) - outer - end).min()) < 1e-9
+    return end + outer * (end - other) / np.hypot(*(end - other)) if is_at_face else end
 
 
 def _cut(rng, box, n, walls, shape) -> None:
