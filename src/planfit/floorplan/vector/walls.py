@@ -387,14 +387,13 @@ def _faces_of_all(
     if len(between.ends):
         parts, shared_edges = [*parts, between], 0.0
         return _Found(parts, candidates, (TOUCHING_WORDS,), shared_edges, are_rooms_touching=True)
-    single = single_lines(candidates, is_taken, extent)
     has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
-    if len(single.ends) == 0 and thickness is not None and not has_others:
+    if thickness is not None and not has_others:
         is_wall = single_line_walls(candidates, thickness, extent)
         if is_wall.any():
             parts, is_taken = [], LineFaces.together([])
             candidates = candidates.take(is_wall)
-            single = single_lines(candidates, is_taken, extent)
+    single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
         return _Found(parts, candidates, (), shared_edges)
     warning = _single_warning([is_taken], float(segments.lengths(single.ends).sum()))
