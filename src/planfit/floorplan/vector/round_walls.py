@@ -12,7 +12,7 @@ from planfit.geometry import segments
 APART = (0.25, 5.0)
 """How far apart the two lines are, in thicknesses of the straight walls: outer walls are up to five times as thick
 as partitions."""
-LEAST_RADIUS = 8.0
+LEAST_RADIUS = 6.0
 """In these thicknesses too: round tables with an edge are smaller."""
 SAME_CENTRE = 0.25
 """Of that distance, how far the two centres may be from each other."""
