@@ -527,6 +527,42 @@ def _thick_strokes(rng) -> Page:
     return page
 
 
+def _mixed(rng) -> Page:
+    """Any page, walls, doors and clutter of the others together."""
+    page, house = Page(), make_house(rng, shape=str(rng.choice(["box", "L", "bay", "round"])))
+    x0, y0, x1, y1 = house.outside.bounds
+    tint = tuple(int(v) for v in rng.integers(205, 250, 3))
+    kind = str(rng.choice(["solid", "outline", "grey", "white"]))
+    if kind == "white" or rng.random() < 0.3:
+        page.fill(shapely.box(x0 - 2, y0 - 2, x1 + 2, y1 + 2), (120, 140, 160) if kind == "white" else tint)
+    if kind != "white" and rng.random() < 0.3:
+        page.fill(house.outside, (252, 248, 238))
+    if kind != "white" and rng.random() < 0.3:
+        for room in house.rooms:
+            page.fill(room, tuple(int(v) for v in rng.integers(205, 250, 3)))
+    tones = {"solid": int(rng.integers(0, 100)), "grey": int(rng.integers(140, 200)), "white": 255}
+    if kind in tones:
+        page.fill(house.solid, (tones[kind],) * 3)
+    if kind in ("outline", "grey"):
+        page.outline(house.solid, width=float(rng.choice([0.01, 0.025, 0.04])))
+    for window in house.windows if kind != "white" else ():
+        _window(page, window, rng)
+    doors = int(rng.integers(3))
+    for door in house.doors if doors else ():
+        _swing(page, door, rng, 90.0 if doors == 1 else float(rng.uniform(25, 80)), float(rng.choice([THIN, 0.04])))
+    if rng.random() < 0.6:
+        _furnish(page, house, rng)
+    if rng.random() < 0.3:
+        _tiles(page, house.rooms[0], 0.3)
+    if rng.random() < 0.5:
+        _labels(page, house, rng)
+    if kind != "white" and rng.random() < 0.4:
+        _dimensions(page, house)
+    if kind != "white" and rng.random() < 0.4:
+        _sheet(page, rng)
+    return _with_truth(page, house)
+
+
 _MAKERS: dict[str, Callable[[np.random.Generator], Page]] = {
     "escape": _escape,
     "cad_sheet": _cad_sheet,
@@ -541,6 +577,7 @@ _MAKERS: dict[str, Callable[[np.random.Generator], Page]] = {
     "curved": _curved,
     "grey_outlined": _grey_outlined,
     "thick_strokes": _thick_strokes,
+    "mixed": _mixed,
 }
 FAMILIES = tuple(_MAKERS)
 
