@@ -16,7 +16,7 @@ from planfit.priors import BUILDING_LIKELY_SIZE_M, DOOR_LEAF_WIDTH_M
 
 RADIUS_THICKNESSES = (2.5, 25.0)
 """Of leaves where the unit is unknown, in thicknesses of the usual wall."""
-LIKE_ARC = 2.0
+LIKE_ARC = 2.5
 """A leaf is as long as the radius of its arc, up to this factor where the arc is short and rough."""
 SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)
 """Of the leaf: one way, and both ways."""
@@ -138,7 +138,7 @@ def _ajar(
         return None
     # Seen from the far end of the wall beside the door, too, all of a short arc is about as far away.
     circle = fit_circle(points)
-    bent = (0.0, np.inf) if circle is None else (circle.radius / LIKE_ARC, circle.radius * LIKE_ARC)
+    widest = radii[1] if circle is None else min(radii[1], LIKE_ARC * circle.radius)
     found: list[tuple[float, DoorSwing]] = []
     for tip, latch in (points[[0, -1]], points[[-1, 0]]):
         at = np.array(tips.query_ball_point(tip, 0.5 * chord), dtype=int)
@@ -147,7 +147,7 @@ def _ajar(
         apart = np.linalg.norm(points[None] - hinges[:, None], axis=2)
         off = np.linalg.norm(tips.data[at] - tip, axis=1)
         uneven = np.abs(apart - width[:, None]).max(axis=1)
-        is_leaf = (width > max(radii[0], bent[0])) & (width < min(radii[1], bent[1]))
+        is_leaf = (width > radii[0]) & (width < widest)
         is_leaf &= (off < 2.0 * TOLERANCE * width) & (uneven < TOLERANCE * width)
         is_leaf &= chord > TOLERANCE * width  # else the leaf is on its wall
         if is_leaf.any():

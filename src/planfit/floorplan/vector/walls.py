@@ -342,6 +342,7 @@ def _faces_of_all(
     """Faces of solid walls and columns, of double lines, of the edges of rooms, and of single lines where
     walls are drawn so."""
     parts: list[LineFaces] = []
+    around: BaseGeometry = shapely.Polygon()
     if solids or pieces.areas:
         solid = shapely.union_all(solids)
         if pieces.areas:
@@ -361,7 +362,7 @@ def _faces_of_all(
     solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
     shared_edges = 0.0
     if rooms:
-        candidates, shared_edges = around_rooms(candidates, rooms, extent)
+        candidates, shared_edges = around_rooms(candidates, rooms, around, extent)
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
