@@ -87,15 +87,15 @@ def _points(ends: np.ndarray, page: Page) -> np.ndarray:
     return points[~shapely.contains(page.either, shapely.points(points))]
 
 
-def scores(
-    folder: Path, seeds: range, only: str = "", pictures: bool = False
-) -> Iterator[Score]:
+def scores(folder: Path, seeds: range, only: str = "", pictures: bool = False) -> Iterator[Score]:
     """Of each family and seed, in the format that the seed draws; written to a folder."""
     folder.mkdir(parents=True, exist_ok=True)
     for family in FAMILIES:
         for seed in seeds if only in family else ():
             page = make_page(family, seed)
-            suffix = ".png" if pictures else SUFFIXES[(seed + FAMILIES.index(family)) % len(SUFFIXES)]
+            suffix = (
+                ".png" if pictures else SUFFIXES[(seed + FAMILIES.index(family)) % len(SUFFIXES)]
+            )
             yield score(write_page(page, folder / f"{family}_{seed}{suffix}"), page)
 
 

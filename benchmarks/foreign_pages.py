@@ -1,5 +1,6 @@
 """Pages of plans in many hands: a building by shapely alone, drawn as strokes, areas and words in metres."""
 
+import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -72,24 +73,34 @@ class Page:
         both = np.concatenate(points)
         return both.min(axis=0), both.max(axis=0)
 
-    def stroke(self, *points, width: float = THIN, colour: Colour = BLACK, dashed: bool = False) -> None:
+    def stroke(
+        self, *points, width: float = THIN, colour: Colour = BLACK, dashed: bool = False
+    ) -> None:
         """Add a line through points."""
         self.parts.append(Stroke(np.array(points, dtype=float), width, colour, dashed))
 
     def box(self, x, y, w, h, width: float = THIN, colour: Colour = BLACK) -> None:
         """Add the outline of a rectangle."""
-        self.stroke((x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y), width=width, colour=colour)
+        self.stroke(
+            (x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y), width=width, colour=colour
+        )
 
-    def circle(self, x, y, r, a=0.0, b=2 * np.pi, width: float = THIN, colour: Colour = BLACK) -> None:
+    def circle(
+        self, x, y, r, a=0.0, b=2 * np.pi, width: float = THIN, colour: Colour = BLACK
+    ) -> None:
         """Add an arc."""
         t = np.linspace(a, b, max(int(abs(b - a) * 8), 5))
-        self.stroke(*np.stack([x + r * np.cos(t), y + r * np.sin(t)], axis=1), width=width, colour=colour)
+        self.stroke(
+            *np.stack([x + r * np.cos(t), y + r * np.sin(t)], axis=1), width=width, colour=colour
+        )
 
     def fill(self, area: BaseGeometry, colour: Colour) -> None:
         """Add an area, a part each."""
         for part in shapely.get_parts(area):
             if part.area > 1e-6:
-                self.parts.append(Fill([np.array(r.coords) for r in (part.exterior, *part.interiors)], colour))
+                self.parts.append(
+                    Fill([np.array(r.coords) for r in (part.exterior, *part.interiors)], colour)
+                )
 
     def outline(self, area: BaseGeometry, width: float = THIN, colour: Colour = BLACK) -> None:
         """Add the edges of an area."""
@@ -99,7 +110,9 @@ class Page:
 
 
 def _segments(area: BaseGeometry) -> np.ndarray:
-    rings = [np.array(r.coords) for p in shapely.get_parts(area) for r in (p.exterior, *p.interiors)]
+    rings = [
+        np.array(r.coords) for p in shapely.get_parts(area) for r in (p.exterior, *p.interiors)
+    ]
     return np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
 
 
@@ -110,7 +123,9 @@ def make_house(rng: np.random.Generator, shape: str = "", rooms: int = 0) -> Hou
     outside: BaseGeometry = shapely.box(0, 0, w, d)
     shape = shape or str(rng.choice(["box", "L"]))
     if shape == "L":
-        outside = outside.difference(shapely.box(w * rng.uniform(0.5, 0.7), d * rng.uniform(0.5, 0.7), w + 1, d + 1))
+        outside = outside.difference(
+            shapely.box(w * rng.uniform(0.5, 0.7), d * rng.uniform(0.5, 0.7), w + 1, d + 1)
+        )
     elif shape == "bay":
         outside = outside.union(shapely.Point(w, d / 2).buffer(d * rng.uniform(0.28, 0.45), 24))
     elif shape == "round":
@@ -121,11 +136,10 @@ def make_house(rng: np.random.Generator, shape: str = "", rooms: int = 0) -> Hou
     _cut(rng, (outer, outer, w - outer, d - outer), rooms or int(rng.integers(4, 8)), walls, shape)
     ring = outside.buffer(-outer / 2, join_style="mitre").exterior
     corners = np.array(ring.coords)
-    outer_lines = list(zip(corners[:-1], corners[1:], strict=True))
+    outer_lines = list(itertools.pairwise(corners))
     boxes = [shapely.LineString(line).buffer(inner / 2, cap_style="flat") for line in walls]
     solid = outside.difference(inside).union(shapely.union_all(boxes).intersection(inside))
     lines = [*outer_lines, *walls]
-    joints = np.array([p for line in lines for p in line])
     doors, windows = [], []
     for k, (a, b) in enumerate(lines):
         is_outer, length = k < len(outer_lines), np.hypot(*(b - a))
@@ -135,18 +149,28 @@ def make_house(rng: np.random.Generator, shape: str = "", rooms: int = 0) -> Hou
         n_wanted = max(int(length / 4), 1) if is_outer else 1
         for s in rng.permutation(np.arange(1.0, length - 1.0, 0.35)):
             at = a + s * along
-            if n_wanted and _is_free(at, along, wide, joints, solid, inside, thick, doors + windows):
+            if n_wanted and _is_free(at, along, wide, solid, thick, doors + windows):
                 is_door = not is_outer or not any(t == outer for *_, t in doors)
-                (doors if is_door else windows).append((at, along, 1.0 if is_door and is_outer else wide, thick))
+                (doors if is_door else windows).append(
+                    (at, along, 1.0 if is_door and is_outer else wide, thick)
+                )
                 n_wanted -= 1
     holes = shapely.union_all([_hole(*door) for door in doors])
     # To the centre line of the outer wall, where the rest is cut off.
-    to_rim = [np.array([_to_rim(p, q, outer, (w, d)) for p, q in ((a, b), (b, a))]) for a, b in walls]
+    to_rim = [
+        np.array([_to_rim(p, q, outer, (w, d)) for p, q in ((a, b), (b, a))]) for a, b in walls
+    ]
     centre = shapely.union_all([ring, *[shapely.LineString(line) for line in to_rim]])
-    centre = centre.intersection(outside.buffer(-outer / 2 + 1e-6, join_style="mitre")).difference(holes)
-    pieces = [np.array(p.coords) for p in shapely.get_parts(shapely.line_merge(centre)) if p.length > 0.02]
+    centre = centre.intersection(outside.buffer(-outer / 2 + 1e-6, join_style="mitre")).difference(
+        holes
+    )
+    pieces = [
+        np.array(p.coords) for p in shapely.get_parts(shapely.line_merge(centre)) if p.length > 0.02
+    ]
     solid = solid.difference(holes)
-    rooms_found = [p for p in shapely.get_parts(inside.difference(shapely.union_all(boxes))) if p.area > 1]
+    rooms_found = [
+        p for p in shapely.get_parts(inside.difference(shapely.union_all(boxes))) if p.area > 1
+    ]
     return House(outside, inside, solid, pieces, doors, windows, rooms_found)
 
 
@@ -179,7 +203,7 @@ def _hole(at, along, wide, thick, more=0.0) -> BaseGeometry:
     return line.buffer(thick / 2 + 0.01 + more, cap_style="flat")
 
 
-def _is_free(at, along, wide, joints, solid, inside, thick, others) -> bool:
+def _is_free(at, along, wide, solid, thick, others) -> bool:
     """Whether an opening fits: in one straight piece of wall, away from others and from junctions."""
     hole = _hole(at, along, wide + 0.5, thick)
     across = np.array([-along[1], along[0]])
@@ -217,7 +241,7 @@ def _swing(page: Page, door, rng, open_deg: float = 90.0, leaf: float = THIN) ->
         page.stroke(hinge, arc[-1])
 
 
-def _window(page: Page, window, rng, colour: Colour = BLACK) -> None:
+def _window(page: Page, window, colour: Colour = BLACK) -> None:
     at, along, wide, thick = window
     across = np.array([-along[1], along[0]])
     ends = [at - wide / 2 * along, at + wide / 2 * along]
@@ -264,7 +288,9 @@ def _tiles(page: Page, room: BaseGeometry, step: float) -> None:
 def _labels(page: Page, house: House, rng, height: float = 0.25) -> None:
     for k, room in enumerate(house.rooms):
         word = str(rng.choice(["Room", "Office", "Kitchen", "Hall", "Store", "WC"]))
-        page.parts.append(Label(f"{word} {k + 1}", np.array(room.representative_point().coords[0]), height))
+        page.parts.append(
+            Label(f"{word} {k + 1}", np.array(room.representative_point().coords[0]), height)
+        )
 
 
 def _sheet(page: Page, rng, title_block: bool = True) -> None:
@@ -282,11 +308,13 @@ def _sheet(page: Page, rng, title_block: bool = True) -> None:
             page.stroke((x, y + k * bh / 4), (x + bw, y + k * bh / 4))
         page.stroke((x + bw * 0.4, y), (x + bw * 0.4, y + bh))
         for k in range(4):
-            page.parts.append(Label("Project A-12 Rev C", np.array([x + 0.1, y + 0.06 + k * bh / 4]), 0.18))
+            page.parts.append(
+                Label("Project A-12 Rev C", np.array([x + 0.1, y + 0.06 + k * bh / 4]), 0.18)
+            )
 
 
 def _dimensions(page: Page, house: House) -> None:
-    x0, y0, x1, y1 = house.outside.bounds
+    x0, y0, x1, _ = house.outside.bounds
     cuts = sorted({x0, x1, *[round(float(r.bounds[0]), 2) for r in house.rooms]})
     for off in (0.8, 1.3):
         at = cuts if off < 1 else [x0, x1]
@@ -294,8 +322,10 @@ def _dimensions(page: Page, house: House) -> None:
         for x in at:
             page.stroke((x, y0 - off - 0.15), (x, y0 - 0.3))
             page.stroke((x - 0.1, y0 - off - 0.1), (x + 0.1, y0 - off + 0.1), width=0.03)
-        for a, b in zip(at[:-1], at[1:], strict=True):
-            page.parts.append(Label(f"{b - a:.2f}", np.array([(a + b) / 2 - 0.2, y0 - off + 0.06]), 0.16))
+        for a, b in itertools.pairwise(at):
+            page.parts.append(
+                Label(f"{b - a:.2f}", np.array([(a + b) / 2 - 0.2, y0 - off + 0.06]), 0.16)
+            )
 
 
 def _axes(page: Page, house: House, rng) -> None:
@@ -311,7 +341,7 @@ def _escape(rng) -> Page:
     grey = int(rng.choice([0, 60, 110]))
     page.fill(house.solid, (grey,) * 3)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     green = (0, 150, 70)
     route = [np.array(r.centroid.coords[0]) for r in house.rooms[:4]]
     page.stroke(*route, width=0.12, colour=green)
@@ -328,7 +358,9 @@ def _escape(rng) -> Page:
         page.box(x, y, 5, 3.8, width=0.04, colour=green if k else (220, 20, 30))
         page.fill(shapely.box(x, y + 3.2, x + 5, y + 3.8), green if k else (220, 20, 30))
         for j in range(6):
-            page.parts.append(Label("Keep calm and leave", np.array([x + 0.7, y + 0.2 + 0.5 * j]), 0.22))
+            page.parts.append(
+                Label("Keep calm and leave", np.array([x + 0.7, y + 0.2 + 0.5 * j]), 0.22)
+            )
             page.fill(shapely.box(x + 0.15, y + 0.2 + 0.5 * j, x + 0.45, y + 0.5 + 0.5 * j), green)
     page.parts.append(Label("ESCAPE PLAN", np.array([x0 + 2, y1 + 0.8]), 0.8))
     _sheet(page, rng, title_block=False)
@@ -339,7 +371,7 @@ def _cad_sheet(rng) -> Page:
     page, house = Page(), make_house(rng)
     page.outline(house.solid, width=0.03)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng, leaf=0.04)
     _labels(page, house, rng)
@@ -354,7 +386,7 @@ def _furnished(rng) -> Page:
     tone = int(rng.choice([0, 40, 90]))
     page.fill(house.solid, (tone,) * 3)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng)
     _furnish(page, house, rng)
@@ -396,7 +428,10 @@ def _museum(rng) -> Page:
         for s in (-1, 1):
             page.box(x + s * 1.2 - 0.2, y - 0.5, 0.4, 1.0, colour=(90, 90, 90))
     _with_truth(page, house)
-    bodies = [shapely.LineString(c).buffer(0.07, cap_style="flat", join_style="mitre") for c in house.centre_lines]
+    bodies = [
+        shapely.LineString(c).buffer(0.07, cap_style="flat", join_style="mitre")
+        for c in house.centre_lines
+    ]
     page.faces = _segments(shapely.union_all(bodies))
     return page
 
@@ -421,7 +456,7 @@ def _half_open(rng) -> Page:
     else:
         page.fill(house.solid, (70, 70, 70))
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng, float(rng.uniform(25, 70)), leaf=float(rng.choice([THIN, 0.04])))
     _furnish(page, house, rng)
@@ -455,7 +490,7 @@ def _hatched(rng) -> Page:
                 page.stroke(*np.array(piece.coords), width=0.008)
     page.outline(solid, width=0.03)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng)
     _furnish(page, house, rng)
@@ -487,7 +522,7 @@ def _curved(rng) -> Page:
     else:
         page.outline(house.solid, width=0.025)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng)
     _furnish(page, house, rng)
@@ -499,7 +534,7 @@ def _grey_outlined(rng) -> Page:
     page.fill(house.solid, (int(rng.integers(150, 215)),) * 3)
     page.outline(house.solid, width=0.025)
     for window in house.windows:
-        _window(page, window, rng)
+        _window(page, window)
     for door in house.doors:
         _swing(page, door, rng, leaf=0.04)
     _furnish(page, house, rng)
@@ -511,13 +546,22 @@ def _grey_outlined(rng) -> Page:
 
 def _thick_strokes(rng) -> Page:
     page, house = Page(), make_house(rng)
-    thick = {True: max(o[3] for o in house.windows + house.doors), False: min(o[3] for o in house.doors)}
+    thick = {
+        True: max(o[3] for o in house.windows + house.doors),
+        False: min(o[3] for o in house.doors),
+    }
     bodies = []
     for line in house.centre_lines:
         is_outer = shapely.LineString(line).distance(house.outside.exterior) < 0.6 * thick[True]
-        is_outer &= shapely.LineString(line).within(house.outside.exterior.buffer(0.6 * thick[True]))
+        is_outer &= shapely.LineString(line).within(
+            house.outside.exterior.buffer(0.6 * thick[True])
+        )
         page.stroke(*line, width=thick[bool(is_outer)], colour=(30, 30, 30))
-        bodies.append(shapely.LineString(line).buffer(thick[bool(is_outer)] / 2, cap_style="flat", join_style="mitre"))
+        bodies.append(
+            shapely.LineString(line).buffer(
+                thick[bool(is_outer)] / 2, cap_style="flat", join_style="mitre"
+            )
+        )
     for door in house.doors:
         _swing(page, door, rng)
     _furnish(page, house, rng)
@@ -534,7 +578,10 @@ def _mixed(rng) -> Page:
     tint = tuple(int(v) for v in rng.integers(205, 250, 3))
     kind = str(rng.choice(["solid", "outline", "grey", "white"]))
     if kind == "white" or rng.random() < 0.3:
-        page.fill(shapely.box(x0 - 2, y0 - 2, x1 + 2, y1 + 2), (120, 140, 160) if kind == "white" else tint)
+        page.fill(
+            shapely.box(x0 - 2, y0 - 2, x1 + 2, y1 + 2),
+            (120, 140, 160) if kind == "white" else tint,
+        )
     if kind != "white" and rng.random() < 0.3:
         page.fill(house.outside, (252, 248, 238))
     if kind != "white" and rng.random() < 0.3:
@@ -546,10 +593,16 @@ def _mixed(rng) -> Page:
     if kind in ("outline", "grey"):
         page.outline(house.solid, width=float(rng.choice([0.01, 0.025, 0.04])))
     for window in house.windows if kind != "white" else ():
-        _window(page, window, rng)
+        _window(page, window)
     doors = int(rng.integers(3))
     for door in house.doors if doors else ():
-        _swing(page, door, rng, 90.0 if doors == 1 else float(rng.uniform(25, 80)), float(rng.choice([THIN, 0.04])))
+        _swing(
+            page,
+            door,
+            rng,
+            90.0 if doors == 1 else float(rng.uniform(25, 80)),
+            float(rng.choice([THIN, 0.04])),
+        )
     if rng.random() < 0.6:
         _furnish(page, house, rng)
     if rng.random() < 0.3:

@@ -1,5 +1,6 @@
 """Pages of primitives as SVG, DXF, PDF and PNG, each beside the way back to metres (FILE.json)."""
 
+import itertools
 import json
 from pathlib import Path
 
@@ -27,7 +28,9 @@ def write_page(page: Page, path: Path) -> Path:
 
 def _affine(scale: float, low: np.ndarray, size: np.ndarray, is_down: bool) -> np.ndarray:
     if is_down:
-        return np.array([[scale, 0, -scale * low[0]], [0, -scale, scale * (low[1] + size[1])], [0, 0, 1.0]])
+        return np.array(
+            [[scale, 0, -scale * low[0]], [0, -scale, scale * (low[1] + size[1])], [0, 0, 1.0]]
+        )
     return np.array([[scale, 0, -scale * low[0]], [0, scale, -scale * low[1]], [0, 0, 1.0]])
 
 
@@ -43,7 +46,10 @@ def _svg(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarra
     for part in page.parts:
         if isinstance(part, Label):
             x, y = _moved(part.xy, affine)
-            rows.append(f'<text x="{x:.1f}" y="{y:.1f}" font-size="{PX_PER_M * part.height:.1f}">{part.text}</text>')  # fmt: skip
+            size_px = PX_PER_M * part.height
+            rows.append(
+                f'<text x="{x:.1f}" y="{y:.1f}" font-size="{size_px:.1f}">{part.text}</text>'
+            )
             continue
         rings = part.rings if isinstance(part, Fill) else [part.points]
         data = " ".join(
@@ -56,12 +62,13 @@ def _svg(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarra
             rows.append(f'<path d="{data}" fill="{colour}" fill-rule="evenodd" stroke="none"/>')
         else:
             dash = ' stroke-dasharray="6 4"' if part.is_dashed else ""
-            rows.append(f'<path d="{data}" fill="none" stroke="{colour}" stroke-width="{PX_PER_M * part.width:.2f}"{dash}/>')  # fmt: skip
+            wide = f'stroke="{colour}" stroke-width="{PX_PER_M * part.width:.2f}"{dash}'
+            rows.append(f'<path d="{data}" fill="none" {wide}/>')
     path.write_text("\n".join([*rows, "</svg>"]))
     return affine
 
 
-def _dxf(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarray:
+def _dxf(page: Page, path: Path, *_: np.ndarray) -> np.ndarray:
     """Metres, all on one layer, as drawings are that were converted from others."""
     document = ezdxf.new(setup=True)  # pyright: ignore[reportPrivateImportUsage]
     document.header["$INSUNITS"] = 6
@@ -90,7 +97,9 @@ def _pdf(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarra
     for part in page.parts:
         if isinstance(part, Label):
             x, y = _moved(part.xy, affine)
-            rows.append(f"0 g BT /F1 {POINTS_PER_M * part.height:.1f} Tf {x:.2f} {y:.2f} Td ({part.text}) Tj ET")
+            rows.append(
+                f"0 g BT /F1 {POINTS_PER_M * part.height:.1f} Tf {x:.2f} {y:.2f} Td ({part.text}) Tj ET"
+            )
             continue
         rings = part.rings if isinstance(part, Fill) else [part.points]
         for ring in rings:
@@ -139,7 +148,9 @@ def _png(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarra
         if isinstance(part, Label):
             x, y = np.round(_moved(part.xy, affine)).astype(int)
             scale = PX_PER_M * part.height / 22
-            cv2.putText(image, part.text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA)
+            cv2.putText(
+                image, part.text, (x, y), cv2.FONT_HERSHEY_SIMPLEX, scale, (0, 0, 0), 1, cv2.LINE_AA
+            )
             continue
         if isinstance(part, Fill):
             rings = [_fixed(_moved(r, affine)) for r in part.rings]
@@ -153,11 +164,13 @@ def _png(page: Page, path: Path, low: np.ndarray, size: np.ndarray) -> np.ndarra
 
 def _stroke(image: np.ndarray, points: np.ndarray, part: Stroke, wide: int) -> None:
     if part.is_dashed:
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in itertools.pairwise(points):
             n = max(int(np.hypot(*(b - a)) / 10), 1)
             for k in range(n):
                 ends = np.array([a + (b - a) * k / n, a + (b - a) * (k + 0.6) / n])
-                cv2.polylines(image, [_fixed(ends)], False, part.colour[::-1], wide, cv2.LINE_AA, SHIFT)
+                cv2.polylines(
+                    image, [_fixed(ends)], False, part.colour[::-1], wide, cv2.LINE_AA, SHIFT
+                )
     else:
         cv2.polylines(image, [_fixed(points)], False, part.colour[::-1], wide, cv2.LINE_AA, SHIFT)
 

@@ -12,14 +12,24 @@ from planfit.floorplan import Floorplan, read_floorplan
 
 OUTSIDE, INSIDE = shapely.box(200, 200, 1000, 700), shapely.box(216, 216, 984, 684)
 PARTITIONS = [shapely.box(600, 216, 608, 684), shapely.box(216, 440, 600, 448)]
-DOORWAYS = [shapely.box(590, 300, 620, 355), shapely.box(380, 430, 435, 460), shapely.box(700, 190, 760, 220)]
-SOLID = shapely.union_all([OUTSIDE.difference(INSIDE), *PARTITIONS]).difference(shapely.union_all(DOORWAYS))
+DOORWAYS = [
+    shapely.box(590, 300, 620, 355),
+    shapely.box(380, 430, 435, 460),
+    shapely.box(700, 190, 760, 220),
+]
+SOLID = shapely.union_all([OUTSIDE.difference(INSIDE), *PARTITIONS]).difference(
+    shapely.union_all(DOORWAYS)
+)
 ROOMS = shapely.get_parts(INSIDE.difference(shapely.union_all(PARTITIONS)))
 NEAR = 3.0
 
 
 def path_of(area: BaseGeometry, style: str) -> str:
-    rings = [shapely.get_coordinates(ring) for part in shapely.get_parts(area) for ring in shapely.get_rings(part)]
+    rings = [
+        shapely.get_coordinates(ring)
+        for part in shapely.get_parts(area)
+        for ring in shapely.get_rings(part)
+    ]
     data = " ".join("M" + " L".join(f"{x:.2f},{y:.2f}" for x, y in ring) + " Z" for ring in rings)
     return f'<path d="{data}" fill-rule="evenodd" {style}/>'
 
@@ -30,7 +40,9 @@ def polyline(points: np.ndarray, style: str = 'fill="none" stroke="#000"') -> st
 
 def read(path: Path, *shapes: str) -> Floorplan:
     text = "\n".join(shapes)
-    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 900">\n{text}\n</svg>')
+    path.write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 1200 900">\n{text}\n</svg>'
+    )
     return read_floorplan(path)
 
 
@@ -53,13 +65,18 @@ def test_grounds_and_slabs_under_walls_are_no_rooms(tmp_path: Path) -> None:
     lawn = path_of(shapely.box(50, 50, 1150, 850), 'fill="#d6e6cd"')
     slab = path_of(OUTSIDE.buffer(8, join_style="mitre"), 'fill="#faf0d7"')
     shown = path_of(SOLID, 'fill="#555"')
-    cases = [path_of(shapely.box(300 + 90 * k, 560, 330 + 90 * k, 580), 'fill="none" stroke="#777"') for k in range(3)]
+    cases = [
+        path_of(shapely.box(300 + 90 * k, 560, 330 + 90 * k, 580), 'fill="none" stroke="#777"')
+        for k in range(3)
+    ]
     plan = read(tmp_path / "a.svg", lawn, slab, shown, *cases)
     assert min(shares(plan, SOLID.boundary, at_doors())) > 0.98
 
 
 def test_tints_that_end_at_the_faces_of_solid_walls_close_no_doors(tmp_path: Path) -> None:
-    tints = [path_of(room, f'fill="#{c}"') for room, c in zip(ROOMS, ("fde", "def", "efd"), strict=True)]
+    tints = [
+        path_of(room, f'fill="#{c}"') for room, c in zip(ROOMS, ("fde", "def", "efd"), strict=True)
+    ]
     page = path_of(shapely.box(50, 50, 1150, 850), 'fill="#f5f5f0"')
     plan = read(tmp_path / "a.svg", page, *tints, path_of(SOLID, 'fill="#2c3e50"'))
     assert min(shares(plan, SOLID.boundary, shapely.Polygon())) > 0.98
@@ -72,8 +89,13 @@ def test_tints_that_end_at_the_faces_of_solid_walls_close_no_doors(tmp_path: Pat
 
 def test_white_walls_on_a_dark_page_are_walls_and_the_page_is_none(tmp_path: Path) -> None:
     page = path_of(shapely.box(100, 100, 1100, 800), 'fill="#788ca0"')
-    arc = 608 + 55 * np.sin(np.linspace(0, np.pi / 2, 12)), 300 + 55 * np.cos(np.linspace(0, np.pi / 2, 12))
-    plan = read(tmp_path / "a.svg", page, path_of(SOLID, 'fill="#fff"'), polyline(np.stack(arc, axis=1)))
+    arc = (
+        608 + 55 * np.sin(np.linspace(0, np.pi / 2, 12)),
+        300 + 55 * np.cos(np.linspace(0, np.pi / 2, 12)),
+    )
+    plan = read(
+        tmp_path / "a.svg", page, path_of(SOLID, 'fill="#fff"'), polyline(np.stack(arc, axis=1))
+    )
     assert min(shares(plan, SOLID.boundary, at_doors())) > 0.98
     # The free side is outside of the white.
     middles = plan.ends.mean(axis=1) + 2.0 * plan.normals
@@ -87,13 +109,17 @@ def test_round_walls_of_two_arcs_are_faces(tmp_path: Path, radius: float) -> Non
     bay = shapely.Point(1000, 450).buffer(radius, 24)
     outside = OUTSIDE.union(bay)
     rooms = outside.buffer(-16, join_style="mitre")
-    walls = shapely.union_all([outside.difference(rooms), *PARTITIONS]).difference(shapely.union_all(DOORWAYS))
+    walls = shapely.union_all([outside.difference(rooms), *PARTITIONS]).difference(
+        shapely.union_all(DOORWAYS)
+    )
     table = [shapely.Point(450, 600).buffer(r, 16) for r in (30, 27)]
     drawn = [path_of(area, 'fill="none" stroke="#000"') for area in (walls, *table)]
     plan = read(tmp_path / "a.svg", *drawn)
     recall, precision = shares(plan, walls.boundary, at_doors())
     assert min(recall, precision) > 0.95
-    is_round = shapely.within(shapely.linestrings(plan.ends * (1.0, -1.0)), shapely.box(1004, 0, 1200, 900))
+    is_round = shapely.within(
+        shapely.linestrings(plan.ends * (1.0, -1.0)), shapely.box(1004, 0, 1200, 900)
+    )
     towards = (plan.ends.mean(axis=1) * (1.0, -1.0))[is_round] - (1000, 450)
     # Of the outer arc away from the centre, of the inner one towards it.
     outwards = np.einsum("ni,ni->n", towards, plan.normals[is_round] * (1.0, -1.0)) > 0
@@ -114,12 +140,22 @@ def test_a_wall_that_begins_at_a_door_ajar_stays(tmp_path: Path, angle_deg: floa
 
 
 def test_furniture_between_single_lines_is_no_wall(tmp_path: Path) -> None:
-    """Beds and stairs of lines side by side, in rooms of one line each; one piece of wall stands alone."""
-    lines = [((200, 200), (1000, 200), (1000, 700), (200, 700), (200, 200)), ((600, 200), (600, 420)),
-             ((600, 480), (600, 560)), ((600, 620), (600, 700)), ((200, 440), (300, 440)), ((360, 440), (600, 440))]  # fmt: skip
+    """Beds of two outlines each, in rooms of single lines; one piece of wall stands alone."""
+    lines = [
+        ((200, 200), (1000, 200), (1000, 700), (200, 700), (200, 200)), ((600, 200), (600, 420)),
+        ((600, 480), (600, 560)), ((600, 620), (600, 700)), ((200, 440), (300, 440)),
+        ((360, 440), (600, 440)),
+    ]  # fmt: skip
     walls = [polyline(np.array(line, dtype=float)) for line in lines]
-    beds = [shapely.box(x, y, x + 90, y + 50) for x, y in ((230, 230), (450, 520), (640, 230), (800, 560), (640, 600))]
-    furniture = [path_of(b.buffer(-k, join_style="mitre"), 'fill="none" stroke="#000"') for b in beds for k in (0, 6)]
+    beds = [
+        shapely.box(x, y, x + 90, y + 50)
+        for x, y in ((230, 230), (450, 520), (640, 230), (800, 560), (640, 600))
+    ]
+    furniture = [
+        path_of(b.buffer(-k, join_style="mitre"), 'fill="none" stroke="#000"')
+        for b in beds
+        for k in (0, 6)
+    ]
     plan = read(tmp_path / "a.svg", *walls, *furniture)
     truth = shapely.union_all([shapely.LineString(line) for line in lines])
     assert min(shares(plan, truth, shapely.Polygon())) > 0.98

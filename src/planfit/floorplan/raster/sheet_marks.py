@@ -100,7 +100,9 @@ def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"
         ).all()
         is_inner = k + 1 < len(from_inside)
         within = (result[part] > DARK) & ~mask[part]
-        is_frame = is_around and _has_four_sides(mask[part]) and not (is_inner and _has_middle(mask[part]))
+        is_frame = (
+            is_around and _has_four_sides(mask[part]) and not (is_inner and _has_middle(mask[part]))
+        )
         if is_frame and not _is_outline(within, 0.3 * float(size.max())):
             blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
             result = np.where(blank, np.float32(0.0), result)

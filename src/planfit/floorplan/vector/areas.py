@@ -23,10 +23,11 @@ ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
 drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
 MOST_OF_PAGE = 0.5
-"""Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it encloses."""
+"""Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it has
+around it."""
 ALL_ON, MORE_ON = 0.9, 2.0
-"""The ground carries so much of the outline of all other areas, which is so many times as long as its own: the
-furniture of a room is not all that is filled, columns of a hall have less outline than it."""
+"""The ground carries so much of the outline of all other areas, which is so many times as long as its own:
+furniture of one room is not all that is filled, and columns of a hall have less outline than it."""
 
 
 @dataclass(frozen=True)

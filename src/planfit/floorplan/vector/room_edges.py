@@ -29,7 +29,7 @@ WALLED_SHARE = 0.4
 """Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
 that end at the faces of walls have next to none."""
 WALLED_ALL_ROUND = 0.75
-"""Of the outlines of rooms, what runs along the faces of solid walls, where all the rest is doors and windows."""
+"""Of the outlines of rooms, what runs along the faces of solid walls where the rest is doors and windows."""
 
 
 def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:
@@ -47,8 +47,8 @@ def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> 
 
 
 def end_at_walls(rooms: list[BaseGeometry], walls: BaseGeometry) -> bool:
-    """Whether rooms end at the faces of solid walls all round, so that what is between these along their edges
-    is doors and windows.
+    """Whether rooms end at the faces of solid walls all round, so that the rest of their edges is doors and
+    windows.
 
     Args:
         rooms: filled or hatched areas.

@@ -10,17 +10,15 @@ from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
 
 APART = (0.25, 5.0)
-"""How far apart the two lines are, in thicknesses of the straight walls: outer walls are up to five times as thick
-as partitions."""
+"""How far apart the two lines are, in thicknesses of the straight walls: outer walls are up to five times as
+thick as partitions."""
 LEAST_RADIUS = 6.0
 """In these thicknesses too: round tables with an edge are smaller."""
 SAME_CENTRE = 0.25
 """Of that distance, how far the two centres may be from each other."""
 
 
-def round_walls(
-    lines: Lines, usual_thickness: float
-) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
     """Faces of round walls, and which lines they are.
 
     Args:
@@ -53,7 +51,11 @@ def round_walls(
     side = np.sign(np.einsum("ni,ni->n", normals, outwards)) * np.sign(gap[is_face])
     n = int(is_face.sum())
     faces = LineFaces(
-        ends[is_face], normals * side[:, None], np.ones(n, bool), np.abs(gap[is_face]), np.full(n, -1)
+        ends[is_face],
+        normals * side[:, None],
+        np.ones(n, bool),
+        np.abs(gap[is_face]),
+        np.full(n, -1),
     )
     return faces, found
 
