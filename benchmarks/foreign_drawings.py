@@ -1,24 +1,26 @@
 """Drawings in styles that the readers were not made on, whose walls are known: written here, by nothing of
 planfit, as SVG, DXF and PDF, and as pictures of the same pages.
 
-    python benchmarks/foreign_drawings.py -o /tmp/foreign [--seeds 4] [--first 0] [--only STYLE] [--pictures]
+    python benchmarks/foreign_drawings.py -o /tmp/foreign [--seeds 4] [--only FAMILY] [--pictures | --both]
 
 Recall is the share of the length of the drawn faces (walls of one line: of the line) within 6 cm of a face
 found, precision that of the faces found within as much of a drawn one; windows and doorways count neither
-way. Wrong is what has less than 0.8 of either, and silent what says nothing that speaks against it.
+way. Wrong is what has less than 0.8 of either, and silent what says nothing that speaks against it. With
+--both, how many silent wrong readings of drawings would be caught, and how many right ones doubted, if the
+same page read as a picture had a say where that is not doubted itself (docs/adr/0037-two-readings.md).
 """
 
 import argparse
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import shapely
 from buildings.plan_readings import NOTES
-from foreign_pages import FAMILIES, Page, make_page
+from foreign_pages import FAMILIES, Label, Page, make_page
 from foreign_writers import write_page
 
 from planfit.errors import FloorplanError
@@ -89,6 +91,13 @@ def _points(ends: np.ndarray, page: Page) -> np.ndarray:
 
 def scores(folder: Path, seeds: range, only: str = "", pictures: bool = False) -> Iterator[Score]:
     """Of each family and seed, in the format that the seed draws; written to a folder."""
+    for found, _, _ in _read_all(folder, seeds, only, pictures):
+        yield found
+
+
+def _read_all(
+    folder: Path, seeds: range, only: str, pictures: bool
+) -> Iterator[tuple[Score, Page, Path]]:
     folder.mkdir(parents=True, exist_ok=True)
     for family in FAMILIES:
         for seed in seeds if only in family else ():
@@ -96,7 +105,32 @@ def scores(folder: Path, seeds: range, only: str = "", pictures: bool = False) -
             suffix = (
                 ".png" if pictures else SUFFIXES[(seed + FAMILIES.index(family)) % len(SUFFIXES)]
             )
-            yield score(write_page(page, folder / f"{family}_{seed}{suffix}"), page)
+            path = write_page(page, folder / f"{family}_{seed}{suffix}")
+            yield score(path, page), page, path
+
+
+def told_by_pictures(folder: Path, seeds: range, only: str = "") -> str:
+    """What readings of pictures say of those of drawings, a line for each share that may differ."""
+    rows = []
+    for drawn, page, path in _read_all(folder, seeds, only, False):
+        picture = write_page(_without_words(page), path.with_suffix(".png"))
+        seen = score(picture, page)
+        if drawn.is_silent and seen.is_silent:
+            one, other = (faces_m(read_floorplan(each), each) for each in (path, picture))
+            found, missed = shares(one, replace(page, faces=other))
+            rows.append((drawn.is_right, min(found, missed)))
+        elif drawn.is_silent:
+            rows.append((drawn.is_right, 1.0))
+    is_right, alike = (np.array(column) for column in zip(*rows, strict=True))
+    return "\n".join(
+        f"alike by less than {least}: {(alike[~is_right] < least).sum()} of {(~is_right).sum()} silent wrong "
+        f"caught, {(alike[is_right] < least).sum()} of {is_right.sum()} right doubted"
+        for least in (0.6, 0.7, 0.8, 0.9)
+    )
+
+
+def _without_words(page: Page) -> Page:
+    return replace(page, parts=[part for part in page.parts if not isinstance(part, Label)])
 
 
 def summary(found: list[Score]) -> str:
@@ -118,8 +152,12 @@ if __name__ == "__main__":
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--only", default="", help="families that contain this")
     parser.add_argument("--pictures", action="store_true", help="the pages as pictures")
+    parser.add_argument("--both", action="store_true", help="what pictures tell of drawings")
     arguments = parser.parse_args()
     seeds = range(arguments.first, arguments.first + arguments.seeds)
+    if arguments.both:
+        print(told_by_pictures(arguments.output, seeds, arguments.only))
+        raise SystemExit(0)
     rows = []
     for one in scores(arguments.output, seeds, arguments.only, arguments.pictures):
         rows.append(one)
