@@ -69,6 +69,12 @@ def test_grey_walls_are_read_under_signs_and_ways(tmp_path: Path) -> None:
     assert read > 0.7
 
 
+def test_signs_are_told_on_a_sheet_of_any_size() -> None:
+    for margin in (0, 400):
+        image = cv2.copyMakeBorder(drawn(), *[margin] * 4, cv2.BORDER_CONSTANT, value=(255,) * 3)
+        assert without_signs(image)[1]
+
+
 @pytest.mark.parametrize("kind", ["greys", "green alone", "blue walls"])
 def test_other_pictures_stay_as_they_are(kind: str) -> None:
     image = drawn(has_signs=False)

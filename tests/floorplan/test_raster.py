@@ -471,18 +471,20 @@ def test_upright_leads_back_to_the_picture() -> None:
     assert abs(find_skew_deg(upright.darkness)) < 0.15
 
 
-def framed(image: np.ndarray) -> np.ndarray:
-    """The sheet with a frame around it and words near its edge."""
+def framed(image: np.ndarray, n_frames: int) -> np.ndarray:
+    """The sheet with frames around it, one in the other, and words near its edge."""
     framed = cv2.copyMakeBorder(image, 40, 40, 40, 40, cv2.BORDER_CONSTANT, value=(255,) * 3)
     h, w = framed.shape[:2]
-    cv2.rectangle(framed, (10, 10), (w - 10, h - 10), (0, 0, 0), 4)
+    for inset in (10, 24)[:n_frames]:
+        cv2.rectangle(framed, (inset, inset), (w - inset, h - inset), (0, 0, 0), 4)
     cv2.putText(framed, "Sheet 3", (w - 150, h - 20), cv2.FONT_HERSHEY_SIMPLEX, 0.7, (0, 0, 0), 2)
     return framed
 
 
+@pytest.mark.parametrize("n_frames", [1, 2])
 @pytest.mark.parametrize("style", ["black", "double"])
-def test_the_frame_of_a_sheet_is_no_wall(tmp_path: Path, style: str) -> None:
-    image = framed(drawn(style=style).image)
+def test_frames_of_a_sheet_are_no_walls(tmp_path: Path, style: str, n_frames: int) -> None:
+    image = framed(drawn(style=style).image, n_frames)
     plan = read_floorplan(saved(tmp_path / "plan.png", image))
     uv = (plan.ends * MIRROR).reshape(-1, 2)
     assert (uv > 50).all()

@@ -10,20 +10,18 @@ import numpy as np
 import pypdfium2 as pdfium
 import pypdfium2.raw as raw
 import shapely
-from jaxtyping import Bool, Float
-from shapely.geometry.base import BaseGeometry
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.dxf_blocks import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_layers import hidden_layers, layer_of
+from planfit.floorplan.formats.pdf_paths import Clips, matrix_of, sub_paths
 from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
-from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
-from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
 
 MIN_PARTS = 20
@@ -252,7 +250,7 @@ def _drawing(
     shown_from_page = _shown_from_page(page)
     picture_dpi, page_share = 0.0, 0.0
     page_area = shapely.box(0.0, 0.0, *page.get_size())
-    clips = _Clips()
+    clips = Clips()
     stack = [(page.raw, None, shown_from_page, 0, "")]
     n_objects = 0
     while stack:
@@ -273,7 +271,7 @@ def _drawing(
                 else raw.FPDFFormObj_GetObject(form, i)
             )
             kind = raw.FPDFPageObj_GetType(item)
-            shown_from_item = transform @ _matrix(item)
+            shown_from_item = transform @ matrix_of(item)
             layer = layer_of(item) or outer
             if layer in hidden:
                 seen_hidden.add(layer)
@@ -316,55 +314,6 @@ def _shown_from_page(page: pdfium.PdfPage) -> Float[np.ndarray, "3 3"]:
     return rotations[page.get_rotation() % 360] @ to_corner
 
 
-def _matrix(item) -> Float[np.ndarray, "3 3"]:
-    m = raw.FS_MATRIX()
-    raw.FPDFPageObj_GetMatrix(item, m)
-    return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
-
-
-class _Clips:
-    """Clip areas by their corners, each made once: thousands of objects share a few."""
-
-    def __init__(self) -> None:
-        self._made: dict[bytes, BaseGeometry] = {}
-
-    def of(self, item, transform: Float[np.ndarray, "3 3"]) -> BaseGeometry | None:
-        """Area that an object shows in, as shown; None where nothing clips it."""
-        clip = raw.FPDFPageObj_GetClipPath(item)
-        count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
-        paths = [_clip_rings(clip, i) for i in range(max(count, 0))]
-        paths = [rings for rings in paths if rings]
-        if not paths:
-            return None
-        key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
-        if key not in self._made:
-            self._made[key] = shapely.intersection_all([_area(rings, transform) for rings in paths])
-        return self._made[key]
-
-
-def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseGeometry:
-    """Inside of an odd number of rings."""
-    area: BaseGeometry = shapely.Polygon()
-    crossings = SelfCrossings()
-    for ring in rings:
-        shown = ring @ transform[:2, :2].T + transform[:2, 2]
-        area = shapely.symmetric_difference(area, crossings.valid(shapely.Polygon(shown)))
-    return area
-
-
-def _clip_rings(clip, path_index: int) -> list[Float[np.ndarray, "_ 2"]]:
-    """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
-    x, y = ctypes.c_float(), ctypes.c_float()
-    rings: list[list[tuple[float, float]]] = []
-    for i in range(max(raw.FPDFClipPath_CountPathSegments(clip, path_index), 0)):
-        segment = raw.FPDFClipPath_GetPathSegment(clip, path_index, i)
-        raw.FPDFPathSegment_GetPoint(segment, x, y)
-        if raw.FPDFPathSegment_GetType(segment) == raw.FPDF_SEGMENT_MOVETO or not rings:
-            rings.append([])
-        rings[-1].append((x.value, y.value))
-    return [np.array(ring) for ring in rings if len(ring) >= 3]
-
-
 def _add_path(
     builder: DrawingBuilder, item, transform: Float[np.ndarray, "3 3"], layer: str
 ) -> None:
@@ -372,7 +321,7 @@ def _add_path(
     raw.FPDFPath_GetDrawMode(item, fill_mode, has_stroke)
     if not (fill_mode.value or has_stroke.value):
         return  # clips only
-    sub_paths = _sub_paths(item, transform)
+    parts = sub_paths(item, transform)
     stroke = _colour(item, raw.FPDFPageObj_GetStrokeColor) if has_stroke.value else None
     fill = _colour(item, raw.FPDFPageObj_GetFillColor) if fill_mode.value else None
     if stroke is not None:
@@ -381,10 +330,10 @@ def _add_path(
         style = (stroke, round(width.value, 3))
         is_dashed = raw.FPDFPageObj_GetDashCount(item) > 1
         shown = width.value * float(np.sqrt(abs(np.linalg.det(transform[:2, :2]))))
-        for points, is_curved in sub_paths:
+        for points, is_curved in parts:
             builder.add_polyline(points, is_curved, layer, style, Pen(shown, stroke, is_dashed))
     if fill is not None:
-        builder.add_fill([points for points, _ in sub_paths], layer, fill)
+        builder.add_fill([points for points, _ in parts], layer, fill)
 
 
 def _colour(item, getter) -> tuple[int, int, int] | None:
@@ -392,48 +341,6 @@ def _colour(item, getter) -> tuple[int, int, int] | None:
     red, green, blue, alpha = (ctypes.c_uint() for _ in range(4))
     is_told = getter(item, red, green, blue, alpha)
     return None if is_told and alpha.value == 0 else (red.value, green.value, blue.value)
-
-
-def _sub_paths(
-    item, transform: Float[np.ndarray, "3 3"]
-) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
-    """Each sub-path as points (k, 2) and which of its segments (k - 1,) are curved, as shown."""
-    result: list[tuple[np.ndarray, np.ndarray]] = []
-    points: list[np.ndarray] = []
-    curved: list[bool] = []
-    controls: list[np.ndarray] = []
-    x, y = ctypes.c_float(), ctypes.c_float()
-
-    def finish() -> None:
-        if len(points) > 1:
-            result.append((np.array(points), np.array(curved, dtype=bool)))
-
-    for i in range(raw.FPDFPath_CountSegments(item)):
-        segment = raw.FPDFPath_GetPathSegment(item, i)
-        raw.FPDFPathSegment_GetPoint(segment, x, y)
-        at = transform[:2, :2] @ (x.value, y.value) + transform[:2, 2]
-        kind = raw.FPDFPathSegment_GetType(segment)
-        if kind == raw.FPDF_SEGMENT_MOVETO:
-            finish()
-            points, curved, controls = [at], [], []
-        elif kind == raw.FPDF_SEGMENT_BEZIERTO:
-            controls.append(at)
-            if len(controls) == 3:
-                flat, is_bent = flatten_cubic(np.array([points[-1], *controls]))
-                points.extend(flat)
-                curved.extend([is_bent] * len(flat))
-                controls = []
-        else:
-            points.append(at)
-            curved.append(False)
-        if raw.FPDFPathSegment_GetClose(segment) and len(points) > 1:
-            if np.abs(points[-1] - points[0]).max() > 0:
-                points.append(points[0])
-                curved.append(False)
-            finish()
-            points, curved = [points[0]], []
-    finish()
-    return result
 
 
 def _add_texts(

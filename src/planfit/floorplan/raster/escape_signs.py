@@ -11,8 +11,8 @@ SIGN_WORDS = (
 COLOURFUL = 80
 """Of 255, what the brightest channel is above the darkest in safety colours (ISO 3864-4), also where they are
 printed pale; greys and walls tinted a little have less."""
-LEAST_GREEN, LEAST_RED = 0.02, 0.002
-"""Of a picture: signs and ways in green, signs of extinguishers in red. Escape plans have both."""
+LEAST_GREEN, LEAST_RED = 0.1, 0.02
+"""Of what is not paper: signs and ways in green, signs of extinguishers in red. Escape plans have both."""
 PAPER = 0.4
 """Of a picture, what is white at least: a photograph is not."""
 _EDGE_PX = 5
@@ -26,9 +26,10 @@ def without_signs(
     whether it has."""
     colour = _colourful(image_bgr)
     strongest = image_bgr.argmax(axis=2)
-    is_green, is_red = (float((colour & (strongest == channel)).mean()) for channel in (1, 2))
-    is_paper = float((image_bgr.min(axis=2) > 255 - COLOURFUL // 2).mean())
-    if is_green < LEAST_GREEN or is_red < LEAST_RED or is_paper < PAPER:
+    green, red = (float((colour & (strongest == channel)).mean()) for channel in (1, 2))
+    paper = float((image_bgr.min(axis=2) > 255 - COLOURFUL // 2).mean())
+    ink = 1.0 - paper
+    if green < LEAST_GREEN * ink or red < LEAST_RED * ink or paper < PAPER:
         return image_bgr, False
     kernel = np.ones((_EDGE_PX, _EDGE_PX), np.uint8)
     cleared = image_bgr.copy()

@@ -9,6 +9,8 @@ from planfit.floorplan.raster.picture import DARK
 _WIDE, _ALIKE = 0.08, 1.4
 """The outer line of a building of double lines is as far from the next line on all four sides, up to the
 factor; a frame is not, or is further away than this share of the sheet."""
+_ALL_ROUND = 0.93
+"""Of the sides of what is drawn, those of a frame; of two frames, those of the inner one too."""
 _SPECK_PX = 40
 """Marks of fewer pixels lie anywhere."""
 _WHOLE_SIDE, _FLAT = 0.9, 0.15
@@ -70,34 +72,49 @@ def _has_letters(mask: Bool[np.ndarray, "h w"]) -> bool:
 
 
 def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The picture with the frame blanked; the same where there is none."""
+    """The picture with the frame blanked, or two frames of which one is in the other; the same where there is
+    none."""
     lines = (darkness > DARK).astype(np.uint8)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
-    marks = stats[1:][stats[1:, 4] > 40]  # specks lie anywhere
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
+    marks = stats[1:][stats[1:, 4] > _SPECK_PX]  # specks lie anywhere
     if len(marks) == 0:
         return darkness
     low = marks[:, :2].min(axis=0)
-    width, height = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
-    is_all_round = (stats[:, 2] > 0.93 * width) & (stats[:, 3] > 0.93 * height)
+    size = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
+    is_all_round = (stats[:, 2:4] > _ALL_ROUND * size).all(axis=1)
     is_all_round[0] = False
+    # Specks outside do not matter.
+    is_mark = stats[:, 4] > 1e-4 * size[0] * size[1]
+    is_mark[0] = False
     result = darkness
-    for label in np.flatnonzero(is_all_round):
-        others = np.delete(np.arange(1, count), label - 1)
-        # Specks outside do not matter.
-        inside = others[stats[others, 4] > 1e-4 * height * width]
-        if len(inside) == 0 or stats[label, 4] > stats[others, 4].sum():
-            continue
-        box, rest = stats[label], stats[inside]
-        if (rest[:, :2] < box[:2]).any() or (rest[:, :2] + rest[:, 2:4] > box[:2] + box[2:4]).any():
+    from_inside = np.flatnonzero(is_all_round)[np.argsort(stats[is_all_round, 2])]
+    for k, label in enumerate(from_inside):
+        is_mark[from_inside[k:]] = False
+        box, rest = stats[label], stats[is_mark]
+        if len(rest) == 0 or box[4] > rest[:, 4].sum():
             continue
         part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
         mask = labels == label
-        if _has_four_sides(mask[part]) and not _is_outline(
-            (lines[part] > 0) & ~mask[part], 0.3 * max(height, width)
-        ):
+        is_around = (rest[:, :2] >= box[:2]).all() and (
+            rest[:, :2] + rest[:, 2:4] <= box[:2] + box[2:4]
+        ).all()
+        is_inner = k + 1 < len(from_inside)
+        within = (result[part] > DARK) & ~mask[part]
+        is_frame = (
+            is_around and _has_four_sides(mask[part]) and not (is_inner and _has_middle(mask[part]))
+        )
+        if is_frame and not _is_outline(within, 0.3 * float(size.max())):
             blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
             result = np.where(blank, np.float32(0.0), result)
+        else:
+            is_mark[label] = True
     return result
+
+
+def _has_middle(mask: Bool[np.ndarray, "h w"]) -> bool:
+    """Whether a component has more than its rim and what hangs on it, as the lines of rooms."""
+    (v, u), (h, w) = (mask.shape[0] // 4, mask.shape[1] // 4), mask.shape
+    return bool(mask[v : h - v, u : w - u].any())
 
 
 def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:

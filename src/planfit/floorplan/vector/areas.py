@@ -22,6 +22,12 @@ from planfit.geometry import segments
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
 drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
+MOST_OF_PAGE = 0.5
+"""Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it has
+around it."""
+ALL_ON, MORE_ON = 0.9, 2.0
+"""The ground carries so much of the outline of all other areas, which is so many times as long as its own:
+furniture of one room is not all that is filled, and columns of a hall have less outline than it."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,8 @@ def sort_fills(
         looks_like_wall = slim > 2.5 and coverage < 0.45
         # Text drawn as outlines is dark and slim too, but small.
         reach = max(np.ptp(np.array(area.bounds).reshape(2, 2), axis=0))
-        if is_called_wall or (looks_like_wall and is_dark(colour) and _is_large(parts, extent)):
+        stands_out = is_dark(colour) or (_is_white(colour) and not is_paper_white)
+        if is_called_wall or (looks_like_wall and stands_out and _is_large(parts, extent)):
             walls.extend(parts)
         elif reach > 0.02 * extent and not looks_like_wall:
             rooms.extend(parts)
@@ -140,19 +147,52 @@ def without_paper(
         ends: of its lines.
         extent: of the drawing.
     """
-    if len(fills) < 2 or len(ends) == 0:
+    if len(fills) < 2:
         return fills, True
     lines = shapely.MultiLineString(list(ends))
-    boxes = shapely.bounds(np.array([fill.polygon for fill in fills], dtype=object))
-    low = np.minimum(boxes[:, :2].min(axis=0), ends.min(axis=(0, 1)))
-    high = np.maximum(boxes[:, 2:].max(axis=0), ends.max(axis=(0, 1)))
+    polygons = np.array([fill.polygon for fill in fills], dtype=object)
+    boxes, points = shapely.bounds(polygons), ends.reshape(-1, 2)
+    low = np.concatenate([boxes[:, :2], points]).min(axis=0)
+    high = np.concatenate([boxes[:, 2:], points]).max(axis=0)
     whole, tolerance = shapely.box(*low, *high), 1e-3 * extent
     is_all = np.abs(boxes - np.concatenate([low, high])).max(axis=1) < tolerance
-    is_all &= [fill.polygon.area > 0.99 * whole.area for fill in fills]
+    # White walls that lie on a dark page are cut out of it.
+    filled = shapely.area([_without_holes(polygon) for polygon in polygons])
+    is_all &= (filled > 0.99 * whole.area) & (shapely.area(polygons) > MOST_OF_PAGE * whole.area)
     if not is_all.any() or shapely.dwithin(whole.exterior, lines, tolerance):
         return fills, True
     kept = tuple(fill for fill, is_paper in zip(fills, is_all, strict=True) if not is_paper)
     return kept, _is_white(fills[np.flatnonzero(is_all)[-1]].colour)
+
+
+def without_ground(
+    rooms: list[BaseGeometry], walls: list[BaseGeometry], extent: float
+) -> list[BaseGeometry]:
+    """Rooms but for what lies under the whole plan: the grounds of a building, or its slab where walls are
+    drawn on it. Its edge is that of a lawn, or before the wall's own.
+
+    Args:
+        rooms: filled areas.
+        walls: solid ones.
+        extent: of the drawing.
+    """
+    areas = np.array([*rooms, *walls], dtype=object)
+    outline = shapely.length(areas)
+    kept = []
+    for k, room in enumerate(rooms):
+        reach = shapely.buffer(room, 1e-3 * extent)
+        shapely.prepare(reach)
+        is_on = np.asarray(shapely.covers(reach, areas))
+        is_on[k] = False
+        on_it = float(outline[is_on].sum())
+        others = float(outline.sum() - outline[k])
+        if not (on_it > ALL_ON * others and on_it > MORE_ON * room.length):
+            kept.append(room)
+    return kept
+
+
+def _without_holes(area: BaseGeometry) -> BaseGeometry:
+    return shapely.union_all(shapely.polygons(shapely.get_exterior_ring(shapely.get_parts(area))))
 
 
 def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) -> list[BaseGeometry]:

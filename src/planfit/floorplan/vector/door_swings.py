@@ -16,6 +16,8 @@ from planfit.priors import BUILDING_LIKELY_SIZE_M, DOOR_LEAF_WIDTH_M
 
 RADIUS_THICKNESSES = (2.5, 25.0)
 """Of leaves where the unit is unknown, in thicknesses of the usual wall."""
+LIKE_ARC = 2.5
+"""A leaf is as long as the radius of its arc, up to this factor where the arc is short and rough."""
 SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)
 """Of the leaf: one way, and both ways."""
 SECTOR_DEG = (55.0, 125.0)
@@ -134,22 +136,28 @@ def _ajar(
     chord = float(np.linalg.norm(points[-1] - points[0]))
     if chord == 0.0:
         return None
+    # Seen from the far end of the wall beside the door, too, all of a short arc is about as far away.
+    circle = fit_circle(points)
+    widest = radii[1] if circle is None else min(radii[1], LIKE_ARC * circle.radius)
+    found: list[tuple[float, DoorSwing]] = []
     for tip, latch in (points[[0, -1]], points[[-1, 0]]):
         at = np.array(tips.query_ball_point(tip, 0.5 * chord), dtype=int)
         hinges = tips.data[(at + tips.n // 2) % tips.n]
         width = np.linalg.norm(tips.data[at] - hinges, axis=1)
         apart = np.linalg.norm(points[None] - hinges[:, None], axis=2)
         off = np.linalg.norm(tips.data[at] - tip, axis=1)
-        is_leaf = (width > radii[0]) & (width < radii[1]) & (off < 2.0 * TOLERANCE * width)
-        is_leaf &= np.abs(apart - width[:, None]).max(axis=1) < TOLERANCE * width
+        uneven = np.abs(apart - width[:, None]).max(axis=1)
+        is_leaf = (width > radii[0]) & (width < widest)
+        is_leaf &= (off < 2.0 * TOLERANCE * width) & (uneven < TOLERANCE * width)
         is_leaf &= chord > TOLERANCE * width  # else the leaf is on its wall
         if is_leaf.any():
             best = int(np.argmin(np.where(is_leaf, off, np.inf)))
             hinge = hinges[best]
             leaves = np.stack([np.stack([hinge, tips.data[at[best]]]), np.stack([hinge, latch])])
             drawn = straight[at[is_leaf] % len(straight)]
-            return DoorSwing(leaves, float(width[best]), (True, False), drawn, is_ajar=True)
-    return None
+            swing = DoorSwing(leaves, float(width[best]), (True, False), drawn, is_ajar=True)
+            found.append((float(uneven[best] / width[best]), swing))
+    return min(found, key=lambda each: each[0])[1] if found else None
 
 
 def _lines_along(

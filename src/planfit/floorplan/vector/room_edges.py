@@ -10,7 +10,7 @@ from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, 
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.double_lines import LineFaces
 from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.line_work import ends_of
+from planfit.floorplan.vector.line_work import ends_of, outlines
 from planfit.geometry import segments
 
 TOUCHING_SHARE = 0.3
@@ -28,6 +28,8 @@ LEAST_BETWEEN, DRAWN_SHARE = 0.02, 0.6
 WALLED_SHARE = 0.4
 """Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
 that end at the faces of walls have next to none."""
+WALLED_ALL_ROUND = 0.75
+"""Of the outlines of rooms, what runs along the faces of solid walls where the rest is doors and windows."""
 
 
 def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:
@@ -44,13 +46,36 @@ def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> 
     return bool(shapely.length(within).sum() > WALLED_SHARE * shapely.length(edges).sum())
 
 
+def end_at_walls(rooms: list[BaseGeometry], walls: BaseGeometry) -> bool:
+    """Whether rooms end at the faces of solid walls all round, so that the rest of their edges is doors and
+    windows.
+
+    Args:
+        rooms: filled or hatched areas.
+        walls: all solid walls, grown a little.
+    """
+    edges = shapely.boundary(np.array(rooms, dtype=object))
+    along = shapely.length(shapely.intersection(edges, walls)).sum()
+    return bool(along > WALLED_ALL_ROUND * shapely.length(edges).sum())
+
+
 def around_rooms(
-    candidates: Candidates, rooms: list[BaseGeometry], extent: float
+    candidates: Candidates, rooms: list[BaseGeometry], walls: BaseGeometry, extent: float
 ) -> tuple[Candidates, float]:
     """Lines outside rooms, and the edges of these, which look into their room on the left; and the length of
-    the edges that two rooms share."""
+    the edges that two rooms share.
+
+    Args:
+        candidates: lines.
+        rooms: filled or hatched areas.
+        walls: all solid walls, grown a little.
+        extent: of the drawing.
+    """
     outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
     edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
+    if end_at_walls(rooms, walls):
+        edges = outlines(list(shapely.intersection(line_strings(edges), walls)))
+        edges = edges[segments.lengths(edges) > 3e-3 * extent]
     n = len(edges)
     together = Candidates(
         np.concatenate([outside.ends, edges]),

@@ -35,7 +35,8 @@ def single_line_walls(
     candidates: Candidates, thickness: Thickness, extent: float
 ) -> Bool[np.ndarray, " n"]:
     """Lines of the largest group that touch one another, where it spans the drawing and few of them have
-    another line beside them: rooms drawn by single lines, whatever stands along some of them. None otherwise.
+    another line beside them: rooms drawn by single lines, whatever stands along some of them; and what stands
+    alone without a closed outline. None otherwise.
 
     Args:
         candidates: all lines that were looked at.
@@ -53,7 +54,13 @@ def single_line_walls(
     is_single = beside[found].sum() < BESIDE * length[found].sum()
     is_main = length[found].sum() > MAIN * length.sum()
     spans = bool((size > SPANNED * whole).all())
-    found &= is_single and is_main and spans
+    if not (is_single and is_main and spans):
+        return np.zeros(len(ends), dtype=bool)
+    # Of the other groups those that enclose nothing: a wall between two doors stands alone.
+    for other in np.setdiff1d(group, group[found]):
+        own = group == other
+        areas = shapely.get_parts(shapely.polygonize([shapely.union_all(line_strings(ends[own]))]))
+        found |= own & (len(areas) == 0)
     return found
 
 

@@ -14,13 +14,12 @@ from planfit.floorplan.near_lines import check_crossings, groups_within
 from planfit.floorplan.vector.areas import (
     hatched_areas,
     main_rooms,
-    outside_rooms,
     sort_fills,
+    without_ground,
     without_paper,
 )
 from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.closed_bodies import rest_of_bodies
-from planfit.floorplan.vector.closed_pieces import ClosedPieces, closed_pieces, joined
+from planfit.floorplan.vector.closed_pieces import closed_pieces
 from planfit.floorplan.vector.door_jambs import open_jambs
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
@@ -31,37 +30,25 @@ from planfit.floorplan.vector.door_swings import (
 from planfit.floorplan.vector.doors import OpenedDoors, open_doors
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
-    estimate_thickness,
-    faces_of_lines,
     rows_of_lines,
     thickness_bounds,
 )
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
-from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
 from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
-from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.floorplan.vector.room_edges import (
-    TOUCHING_WORDS,
-    are_tints,
-    around_rooms,
-    bare_edges,
     drawn_between_rooms,
-    walls_between_rooms,
 )
+from planfit.floorplan.vector.round_walls import round_walls
 from planfit.floorplan.vector.single_lines import (
     body_of_faces,
-    single_line_walls,
-    single_lines,
 )
+from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
-
-MAIN_SHARE = 0.35
-"""Solid walls with this share of the length of double lines beside them are the walls of the drawing."""
 
 CALLED_SHARE = 0.25
 """Of a line, what must lie on lines of layers that are called wall: the end of a wall lies on the outline of
@@ -92,33 +79,6 @@ class DrawnWalls:
     """What each of the openings is."""
     are_rooms_touching: bool = False
     """Whether rooms meet without a wall of any thickness between them: where they do was taken for wall."""
-
-
-@dataclass(frozen=True)
-class _Found:
-    """Faces by the way they are drawn, and the lines that were looked at."""
-
-    parts: list[LineFaces]
-    candidates: Candidates
-    warnings: tuple[str, ...]
-    shared_edges: float
-    """See `DrawnWalls`."""
-    are_rooms_touching: bool = False
-    """Likewise."""
-
-    def with_single_lines(self, walls: LineFaces) -> "_Found":
-        """The same with walls between two rooms, which were taken for open there."""
-        if len(walls.ends) == 0:
-            return self
-        length = float(segments.lengths(walls.ends).sum())
-        warning = _single_warning(self.parts, length)
-        left = self.shared_edges - length
-        return replace(
-            self,
-            parts=[*self.parts, walls],
-            warnings=(*self.warnings, warning),
-            shared_edges=left if left > 0.01 * length else 0.0,  # else what rounding leaves
-        )
 
 
 def walls_of_drawing(
@@ -152,7 +112,6 @@ def walls_of_drawing(
     has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
-    is_left_out[looked_at[has_form]] = False
     candidates = _merged(lines.take(has_form), role[looked_at[has_form]], extent)
     windows = take_out_windows(candidates.ends, *bounds, 2e-4 * extent)
     candidates = candidates.cut(windows.ends, windows.line)
@@ -165,13 +124,17 @@ def walls_of_drawing(
         wall = outer_wall(lines.take(has_form), bounds[1], extent)
         on_wall = shapely.buffer(wall, 1e-3 * extent, join_style="mitre")
         candidates = candidates.take(~shapely.covers(on_wall, line_strings(candidates.ends)))
-    found = _faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
+    found = faces_of_all(solids, pieces, rooms, candidates, metres_per_unit, extent)
     if not wall.is_empty:
-        found = replace(found, parts=[*found.parts, _faces_of_solid(wall, extent)])
+        found = replace(found, parts=[*found.parts, faces_of_solid(wall, extent)])
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
-    faces, apart = _main_part(LineFaces.together(found.parts), extent)
+    round_faces, is_round = _round_walls(LineFaces.together(found.parts), lines)
+    faces, apart = _main_part(LineFaces.together([*found.parts, round_faces]), extent)
+    is_left_out[looked_at[has_form | is_round]] = False
+    if n_curves := int((lines.is_curved & ~is_round).sum()):
+        dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
     doors = _open_doors(faces, swings, metres_per_unit, bounds[1], extent)
     others = open_jambs(doors, lines.ends[has_form], extent)
     faces = others.faces
@@ -206,6 +169,17 @@ def walls_of_drawing(
         + ("opening",) * len(others.openings),
         are_rooms_touching=found.are_rooms_touching,
     )
+
+
+def _round_walls(faces: LineFaces, lines: Lines) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+    """Faces of round walls and their lines, where walls are drawn as two lines; where they are solid, curves
+    beside them are windows and furniture."""
+    is_drawn = np.isfinite(faces.thickness) & (faces.line >= 0)
+    length = segments.lengths(faces.ends)
+    if length[is_drawn].sum() <= MAIN_SHARE * length.sum():
+        return LineFaces.together([]), np.zeros(len(lines), dtype=bool)
+    usual = weighted_median(faces.thickness[is_drawn], length[is_drawn])
+    return round_walls(lines, usual)
 
 
 def _counted(n: int, thing: str) -> str:
@@ -277,6 +251,7 @@ def _solids_and_rooms(
         rooms = [*rooms, *hatched]
     else:
         walls = [*walls, *slim]
+    rooms = without_ground(rooms, walls, extent)
     drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
     return walls, main_rooms(rooms, extent, shapely.convex_hull(shapely.GeometryCollection(drawn)))
 
@@ -291,10 +266,6 @@ def _have_form_of_faces(
     words = []
     if is_row.any():
         words.append(f"{is_row.sum()} lines in rows at equal distance (hatches, stairs)")
-    if lines.is_curved.any():
-        words.append(
-            f"{lines.is_curved.sum()} segments of curves (door arcs, symbols, round walls)"
-        )
     if is_leaf.any():
         words.append(f"{is_leaf.sum()} lines of open doors")
     return ~is_row & ~lines.is_curved & ~is_leaf, words
@@ -316,82 +287,6 @@ def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> Candida
     return Candidates(ends, is_called_wall, layer, np.zeros(len(ends), dtype=int))
 
 
-def _faces_of_all(
-    solids: list[BaseGeometry],
-    pieces: ClosedPieces,
-    rooms: list[BaseGeometry],
-    candidates: Candidates,
-    metres_per_unit: float | None,
-    extent: float,
-) -> _Found:
-    """Faces of solid walls and columns, of double lines, of the edges of rooms, and of single lines where
-    walls are drawn so."""
-    parts: list[LineFaces] = []
-    if solids or pieces.areas:
-        solid = shapely.union_all(solids)
-        if pieces.areas:
-            solid = joined([*solids, *pieces.areas], 2e-4 * extent)
-        if rooms and are_tints(rooms, solid, extent):
-            candidates = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
-            rooms = []
-        if pieces.areas:
-            alone = np.array(shapely.get_parts(solid), dtype=object)
-            size = np.ptp(shapely.bounds(alone).reshape(-1, 2, 2), axis=1).max(axis=1)
-            is_column = size <= pieces.column_size
-            parts += [_faces_of_column(column) for column in alone[is_column]]
-            solid = shapely.union_all(alone[~is_column])
-        parts.append(_faces_of_solid(solid, extent))
-        around = shapely.buffer(shapely.union_all([*solids, *pieces.areas]), 1e-3 * extent)
-        candidates = candidates.take(~shapely.contains(around, line_strings(candidates.ends)))
-    solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
-    shared_edges = 0.0
-    if rooms:
-        candidates, shared_edges = around_rooms(candidates, rooms, extent)
-    thickness = None
-    if len(candidates):
-        thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
-    paired = LineFaces.together([])
-    if thickness is not None:
-        may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
-        is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
-        candidates = candidates.take(~is_furniture)
-        paired, _ = faces_of_lines(
-            candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
-        )
-        # Beside solid walls, line work is furniture and windows, unless a layer calls it wall, or the solid
-        # ones are few: columns, the walls of a shaft.
-        is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
-        if is_clutter and not candidates.is_called_wall.any():
-            paired = LineFaces.together([])
-        parts += [paired, rest_of_bodies(candidates, paired, extent)]
-    if rooms:
-        gap = 0.0 if thickness is None else 2 * thickness.usual
-        parts.append(bare_edges(candidates, paired, gap))
-    is_taken = LineFaces.together(parts)
-    between = walls_between_rooms(candidates, rooms, shared_edges, extent)
-    if len(between.ends):
-        parts, shared_edges = [*parts, between], 0.0
-        return _Found(parts, candidates, (TOUCHING_WORDS,), shared_edges, are_rooms_touching=True)
-    single = single_lines(candidates, is_taken, extent)
-    has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
-    if len(single.ends) == 0 and thickness is not None and not has_others:
-        is_wall = single_line_walls(candidates, thickness, extent)
-        if is_wall.any():
-            parts, is_taken = [], LineFaces.together([])
-            candidates = candidates.take(is_wall)
-            single = single_lines(candidates, is_taken, extent)
-    if len(single.ends) == 0:
-        return _Found(parts, candidates, (), shared_edges)
-    warning = _single_warning([is_taken], float(segments.lengths(single.ends).sum()))
-    return _Found([*parts, single], candidates, (warning,), shared_edges)
-
-
-def _single_warning(others: list[LineFaces], length: float) -> str:
-    share = length / (length + sum(float(segments.lengths(part.ends).sum()) for part in others))
-    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
-    return f"walls are drawn as single lines{few}: which side of them is free is unknown"
-
-
 def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
     """Larger side of the box around the line work and fills."""
     points = [drawing.lines.ends[role != Role.NO_WALL].reshape(-1, 2)]
@@ -401,24 +296,6 @@ def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
 
 def _is_slim(area: BaseGeometry) -> bool:
     return bool(shapely.length(area) ** 2 / (16 * area.area) > 2.5)
-
-
-def _faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
-    faces = faces_of_regions(solid, 1e-4 * extent, 3e-3 * extent)
-    n = len(faces.ends)
-    return LineFaces(
-        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
-    )
-
-
-def _faces_of_column(column: BaseGeometry) -> LineFaces:
-    """Round ones have nine faces or so, off by a thirtieth of their diameter."""
-    size = float(np.ptp(np.array(column.bounds).reshape(2, 2), axis=0).max())
-    faces = faces_of_regions(column, 0.03 * size, 0.1 * size)
-    n = len(faces.ends)
-    return LineFaces(
-        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
-    )
 
 
 def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:

@@ -8,17 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 from svgelements import (
     SVG,
-    Arc,
-    Close,
-    CubicBezier,
     Group,
     Matrix,
-    Move,
-    QuadraticBezier,
     Shape,
     Use,
 )
@@ -28,6 +22,7 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.svg.paths import sub_paths, xy_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
     PARSE_ERRORS,
@@ -41,7 +36,6 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
-from planfit.floorplan.vector.line_work import flatten_cubic
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
@@ -281,7 +275,7 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     crossings = SelfCrossings()
     for shape in shapes if isinstance(shapes, list) else []:
         if isinstance(shape, Shape):
-            for points, _ in _sub_paths(SvgPath(shape) * transform):
+            for points, _ in sub_paths(SvgPath(shape) * transform):
                 if len(points) >= 3:
                     area = area.union(crossings.valid(shapely.Polygon(points)))
     return None if area.is_empty else area
@@ -289,26 +283,26 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
 
 def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: bool) -> None:
     try:
-        sub_paths = _sub_paths(SvgPath(shape))
+        parts = sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     if _covers(shape):
         is_paper = _lightness(shape.fill) >= PAPER
-        builder.add_cover([points for points, _ in sub_paths], is_paper)
+        builder.add_cover([points for points, _ in parts], is_paper)
     if hides_white and _is_drawn(shape.stroke) and _is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
-        for points in (points for points, _ in sub_paths if np.isfinite(points).all()):
+        for points in (points for points, _ in parts if np.isfinite(points).all()):
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif _is_drawn(shape.stroke):
         width = float(shape.stroke_width or 1.0)
         style = (str(shape.stroke), round(width, 3))
         pen = Pen(width, _rgb(shape.stroke), _is_dashed(shape))
-        for points, is_curved in sub_paths:
+        for points, is_curved in parts:
             builder.add_polyline(points, is_curved, layer, style, pen)
     if _is_drawn(shape.fill):
-        builder.add_fill([points for points, _ in sub_paths], layer, _rgb(shape.fill))
+        builder.add_fill([points for points, _ in parts], layer, _rgb(shape.fill))
 
 
 def _is_dashed(shape: Shape) -> bool:
@@ -348,65 +342,6 @@ def _is_drawn(paint) -> bool:
     return paint is not None and paint.value is not None and paint.alpha > 0
 
 
-def _sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
-    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
-    result: list[tuple[np.ndarray, np.ndarray]] = []
-    points: list[np.ndarray] = []
-    curved: list[bool] = []
-
-    def finish() -> None:
-        if len(points) > 1:
-            result.append((np.array(points), np.array(curved, dtype=bool)))
-
-    for segment in path.segments(transformed=True):
-        if isinstance(segment, Move):
-            finish()
-            points, curved = [_xy(segment.end)], []
-            continue
-        if segment.end is None:
-            continue
-        if not points:
-            points = [_xy(segment.start)]
-        if isinstance(segment, Close):
-            if np.abs(points[-1] - points[0]).max() > 0:
-                points.append(points[0])
-                curved.append(False)
-            finish()
-            points, curved = [points[0]], []
-            continue
-        if isinstance(segment, Arc):
-            cubics = list(segment.as_cubic_curves())
-        elif isinstance(segment, CubicBezier):
-            cubics = [segment]
-        elif isinstance(segment, QuadraticBezier):
-            start, control, end = (_xy(p) for p in (segment.start, segment.control, segment.end))
-            _extend(points, curved, np.array(
-                [start, (start + 2 * control) / 3, (end + 2 * control) / 3, end]
-            ))  # fmt: skip
-            continue
-        else:
-            points.append(_xy(segment.end))
-            curved.append(False)
-            continue
-        for cubic in cubics:
-            corners = (cubic.start, cubic.control1, cubic.control2, cubic.end)
-            _extend(points, curved, np.array([_xy(p) for p in corners]))
-    finish()
-    return result
-
-
-def _extend(
-    points: list[np.ndarray], curved: list[bool], controls: Float[np.ndarray, "4 2"]
-) -> None:
-    flat, is_bent = flatten_cubic(controls)
-    points.extend(flat)
-    curved.extend([is_bent] * len(flat))
-
-
-def _xy(point) -> Float[np.ndarray, "2"]:
-    return np.array([point.x, -point.y], dtype=float)
-
-
 def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     text = (element.text or "").strip()
     if not text:
@@ -417,4 +352,4 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     offset = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
     at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))
     scale = float(np.sqrt(abs(matrix.a * matrix.d - matrix.b * matrix.c)))
-    builder.texts.append(Text(text, _xy(at), height * scale, builder.layer(layer)))
+    builder.texts.append(Text(text, xy_of(at), height * scale, builder.layer(layer)))

@@ -1,0 +1,104 @@
+"""Paths and clips of a PDF as points and areas of the page as it is shown."""
+
+import ctypes
+
+import numpy as np
+import pypdfium2.raw as raw
+import shapely
+from jaxtyping import Bool, Float
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.vector.line_work import flatten_cubic
+from planfit.floorplan.vector.regions import SelfCrossings
+
+
+def matrix_of(item) -> Float[np.ndarray, "3 3"]:
+    """What an object's own matrix does to homogeneous x-y."""
+    m = raw.FS_MATRIX()
+    raw.FPDFPageObj_GetMatrix(item, m)
+    return np.array([[m.a, m.c, m.e], [m.b, m.d, m.f], [0.0, 0.0, 1.0]])
+
+
+class Clips:
+    """Clip areas by their corners, each made once: thousands of objects share a few."""
+
+    def __init__(self) -> None:
+        self._made: dict[bytes, BaseGeometry] = {}
+
+    def of(self, item, transform: Float[np.ndarray, "3 3"]) -> BaseGeometry | None:
+        """Area that an object shows in, as shown; None where nothing clips it."""
+        clip = raw.FPDFPageObj_GetClipPath(item)
+        count = raw.FPDFClipPath_CountPaths(clip) if clip else 0
+        paths = [_clip_rings(clip, i) for i in range(max(count, 0))]
+        paths = [rings for rings in paths if rings]
+        if not paths:
+            return None
+        key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
+        if key not in self._made:
+            self._made[key] = shapely.intersection_all([_area(rings, transform) for rings in paths])
+        return self._made[key]
+
+
+def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseGeometry:
+    """Inside of an odd number of rings."""
+    area: BaseGeometry = shapely.Polygon()
+    crossings = SelfCrossings()
+    for ring in rings:
+        shown = ring @ transform[:2, :2].T + transform[:2, 2]
+        area = shapely.symmetric_difference(area, crossings.valid(shapely.Polygon(shown)))
+    return area
+
+
+def _clip_rings(clip, path_index: int) -> list[Float[np.ndarray, "_ 2"]]:
+    """Corners (k, 2) of each ring of one clip path; control points of its curves count as corners."""
+    x, y = ctypes.c_float(), ctypes.c_float()
+    rings: list[list[tuple[float, float]]] = []
+    for i in range(max(raw.FPDFClipPath_CountPathSegments(clip, path_index), 0)):
+        segment = raw.FPDFClipPath_GetPathSegment(clip, path_index, i)
+        raw.FPDFPathSegment_GetPoint(segment, x, y)
+        if raw.FPDFPathSegment_GetType(segment) == raw.FPDF_SEGMENT_MOVETO or not rings:
+            rings.append([])
+        rings[-1].append((x.value, y.value))
+    return [np.array(ring) for ring in rings if len(ring) >= 3]
+
+
+def sub_paths(
+    item, transform: Float[np.ndarray, "3 3"]
+) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2) and which of its segments (k - 1,) are curved, as shown."""
+    result: list[tuple[np.ndarray, np.ndarray]] = []
+    points: list[np.ndarray] = []
+    curved: list[bool] = []
+    controls: list[np.ndarray] = []
+    x, y = ctypes.c_float(), ctypes.c_float()
+
+    def finish() -> None:
+        if len(points) > 1:
+            result.append((np.array(points), np.array(curved, dtype=bool)))
+
+    for i in range(raw.FPDFPath_CountSegments(item)):
+        segment = raw.FPDFPath_GetPathSegment(item, i)
+        raw.FPDFPathSegment_GetPoint(segment, x, y)
+        at = transform[:2, :2] @ (x.value, y.value) + transform[:2, 2]
+        kind = raw.FPDFPathSegment_GetType(segment)
+        if kind == raw.FPDF_SEGMENT_MOVETO:
+            finish()
+            points, curved, controls = [at], [], []
+        elif kind == raw.FPDF_SEGMENT_BEZIERTO:
+            controls.append(at)
+            if len(controls) == 3:
+                flat, is_bent = flatten_cubic(np.array([points[-1], *controls]))
+                points.extend(flat)
+                curved.extend([is_bent] * len(flat))
+                controls = []
+        else:
+            points.append(at)
+            curved.append(False)
+        if raw.FPDFPathSegment_GetClose(segment) and len(points) > 1:
+            if np.abs(points[-1] - points[0]).max() > 0:
+                points.append(points[0])
+                curved.append(False)
+            finish()
+            points, curved = [points[0]], []
+    finish()
+    return result

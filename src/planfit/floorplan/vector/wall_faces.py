@@ -1,0 +1,161 @@
+"""Faces of walls by the ways they are drawn: solid, as two lines, by the edges of rooms, as single lines."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from planfit.floorplan.faces import line_strings
+from planfit.floorplan.vector.areas import (
+    outside_rooms,
+)
+from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.closed_bodies import rest_of_bodies
+from planfit.floorplan.vector.closed_pieces import ClosedPieces, joined
+from planfit.floorplan.vector.double_lines import (
+    LineFaces,
+    estimate_thickness,
+    faces_of_lines,
+)
+from planfit.floorplan.vector.furniture import are_furniture
+from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.room_edges import (
+    TOUCHING_WORDS,
+    are_tints,
+    around_rooms,
+    bare_edges,
+    walls_between_rooms,
+)
+from planfit.floorplan.vector.single_lines import (
+    single_line_walls,
+    single_lines,
+)
+from planfit.geometry import segments
+
+MAIN_SHARE = 0.35
+"""Solid walls with this share of the length of double lines beside them are the walls of the drawing."""
+
+
+@dataclass(frozen=True)
+class FoundFaces:
+    """Faces by the way they are drawn, and the lines that were looked at."""
+
+    parts: list[LineFaces]
+    candidates: Candidates
+    warnings: tuple[str, ...]
+    shared_edges: float
+    """See `DrawnWalls`."""
+    are_rooms_touching: bool = False
+    """Likewise."""
+
+    def with_single_lines(self, walls: LineFaces) -> "FoundFaces":
+        """The same with walls between two rooms, which were taken for open there."""
+        if len(walls.ends) == 0:
+            return self
+        length = float(segments.lengths(walls.ends).sum())
+        warning = _single_warning(self.parts, length)
+        left = self.shared_edges - length
+        return replace(
+            self,
+            parts=[*self.parts, walls],
+            warnings=(*self.warnings, warning),
+            shared_edges=left if left > 0.01 * length else 0.0,  # else what rounding leaves
+        )
+
+
+def faces_of_all(
+    solids: list[BaseGeometry],
+    pieces: ClosedPieces,
+    rooms: list[BaseGeometry],
+    candidates: Candidates,
+    metres_per_unit: float | None,
+    extent: float,
+) -> FoundFaces:
+    """Faces of solid walls and columns, of double lines, of the edges of rooms, and of single lines where
+    walls are drawn so."""
+    parts: list[LineFaces] = []
+    around: BaseGeometry = shapely.Polygon()
+    if solids or pieces.areas:
+        solid = shapely.union_all(solids)
+        if pieces.areas:
+            solid = joined([*solids, *pieces.areas], 2e-4 * extent)
+        if rooms and are_tints(rooms, solid, extent):
+            candidates = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
+            rooms = []
+        if pieces.areas:
+            alone = np.array(shapely.get_parts(solid), dtype=object)
+            size = np.ptp(shapely.bounds(alone).reshape(-1, 2, 2), axis=1).max(axis=1)
+            is_column = size <= pieces.column_size
+            parts += [_faces_of_column(column) for column in alone[is_column]]
+            solid = shapely.union_all(alone[~is_column])
+        parts.append(faces_of_solid(solid, extent))
+        around = shapely.buffer(shapely.union_all([*solids, *pieces.areas]), 1e-3 * extent)
+        candidates = candidates.take(~shapely.contains(around, line_strings(candidates.ends)))
+    solid_length = sum(float(segments.lengths(part.ends).sum()) for part in parts)
+    shared_edges = 0.0
+    if rooms:
+        candidates, shared_edges = around_rooms(candidates, rooms, around, extent)
+    thickness = None
+    if len(candidates):
+        thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
+    paired = LineFaces.together([])
+    if thickness is not None:
+        may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
+        is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
+        candidates = candidates.take(~is_furniture)
+        paired, _ = faces_of_lines(
+            candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
+        )
+        # Beside solid walls, line work is furniture and windows, unless a layer calls it wall, or the solid
+        # ones are few: columns, the walls of a shaft.
+        is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
+        if is_clutter and not candidates.is_called_wall.any():
+            paired = LineFaces.together([])
+        parts += [paired, rest_of_bodies(candidates, paired, extent)]
+    if rooms:
+        gap = 0.0 if thickness is None else 2 * thickness.usual
+        parts.append(bare_edges(candidates, paired, gap))
+    is_taken = LineFaces.together(parts)
+    between = walls_between_rooms(candidates, rooms, shared_edges, extent)
+    if len(between.ends):
+        parts, shared_edges = [*parts, between], 0.0
+        return FoundFaces(
+            parts, candidates, (TOUCHING_WORDS,), shared_edges, are_rooms_touching=True
+        )
+    has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
+    if thickness is not None and not has_others:
+        is_wall = single_line_walls(candidates, thickness, extent)
+        if is_wall.any():
+            parts, is_taken = [], LineFaces.together([])
+            candidates = candidates.take(is_wall)
+    single = single_lines(candidates, is_taken, extent)
+    if len(single.ends) == 0:
+        return FoundFaces(parts, candidates, (), shared_edges)
+    warning = _single_warning([is_taken], float(segments.lengths(single.ends).sum()))
+    return FoundFaces([*parts, single], candidates, (warning,), shared_edges)
+
+
+def _single_warning(others: list[LineFaces], length: float) -> str:
+    share = length / (length + sum(float(segments.lengths(part.ends).sum()) for part in others))
+    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
+    return f"walls are drawn as single lines{few}: which side of them is free is unknown"
+
+
+def faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
+    """Faces around solid walls, in a drawing of that size."""
+    faces = faces_of_regions(solid, 1e-4 * extent, 3e-3 * extent)
+    n = len(faces.ends)
+    return LineFaces(
+        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
+    )
+
+
+def _faces_of_column(column: BaseGeometry) -> LineFaces:
+    """Round ones have nine faces or so, off by a thirtieth of their diameter."""
+    size = float(np.ptp(np.array(column.bounds).reshape(2, 2), axis=0).max())
+    faces = faces_of_regions(column, 0.03 * size, 0.1 * size)
+    n = len(faces.ends)
+    return LineFaces(
+        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
+    )
