@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from drawn_plans.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 from records import Record, cpu_seconds
 
 from planfit.errors import FloorplanError
@@ -22,7 +23,6 @@ from planfit.floorplan import PlanOptions, nearest_faces
 from planfit.floorplan.raster import plan_of_picture
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 NEAR_PX = 3.0
 DENSE_SIDE_PX = 1500

@@ -5,6 +5,7 @@ without unit. Takes about a minute.
 """
 
 import io
+import sys
 from pathlib import Path
 
 import cv2
@@ -29,7 +30,9 @@ from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.report.plots.raster import to_png
 from planfit.runtime import Runtime
 from planfit.scan import Scan
-from planfit.synth.drawing import DrawingOptions, draw_building
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
+from drawn_plans.drawing import DrawingOptions, draw_building
 
 IMAGES = Path(__file__).parent / "images"
 N_LINES = 60

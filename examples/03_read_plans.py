@@ -13,18 +13,23 @@ import planfit
 from planfit.export.plan_files import write_plan_dxf
 from planfit.floorplan import PlanOptions, write_floorplan_json
 from planfit.synth import BuildingOptions, facap_segments, make_building
-from planfit.synth.drawing import DrawingOptions, draw_building
 
 rng = np.random.default_rng(4)
 building = make_building(BuildingOptions(n_rooms=3), rng)
-drawing = draw_building(building, DrawingOptions(pixels_per_metre=70.0), rng)
+
+# A picture of the plan: both faces of each wall in black, 70 pixels a metre, y up.
+corner = building.floorplan.ends.min(axis=(0, 1)) - 1.0
+width_px, height_px = (70 * (building.floorplan.ends.max(axis=(0, 1)) + 1.0 - corner)).astype(int)
+picture = np.full((height_px, width_px, 3), 255, dtype=np.uint8)
+for from_px, to_px in (70 * (building.floorplan.ends - corner)).astype(int):
+    cv2.line(picture, from_px.tolist(), to_px.tolist(), (0, 0, 0), 2, cv2.LINE_AA)
 
 with tempfile.TemporaryDirectory() as name:
     folder = Path(name)
     np.save(folder / "plan.npy", facap_segments(building.floorplan))
     write_floorplan_json(folder / "plan.json", building.floorplan)
     write_plan_dxf(folder / "plan.dxf", building.floorplan)
-    cv2.imwrite(str(folder / "plan.png"), drawing.image)
+    cv2.imwrite(str(folder / "plan.png"), picture[::-1])
     for path in sorted(folder.iterdir()):
         plan = planfit.read_floorplan(path)
         width, depth = plan.size

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from drawn_plans.habits import drawn_plan
 from jaxtyping import Float
 
 from paper_tables.results import Measured
@@ -31,7 +32,7 @@ from planfit.pipeline.prepare import prepare
 from planfit.pipeline.refine import refine
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan, read_scan, read_tum
-from planfit.synth import NoDepthNoise, drawn_plan, make_scan
+from planfit.synth import NoDepthNoise, make_scan
 
 MAP = MapOptions(frame_step=2)
 """Points that maps are judged by: of every second frame, one in a voxel of 5 cm, radius 0.2 m."""

@@ -6,10 +6,11 @@ by phone with plans by architects. The sets have the character of these two.
 
 from dataclasses import dataclass, replace
 
+from drawn_plans.habits import DrawingHabits
+
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
-    DrawingHabits,
     DriftOptions,
     StructuredLightNoise,
     SynthOptions,

@@ -3,13 +3,13 @@
 import cv2
 import numpy as np
 import pytest
+from drawn_plans.drawing import DrawingOptions, draw_building
 
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.floorplan.plausible import aligned_share, are_closed_rooms, kinked_share
 from planfit.floorplan.raster import plan_of_picture
 from planfit.floorplan.raster.photographs import is_photograph
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import DrawingOptions, draw_building
 from strange_pictures import strange_picture
 
 BLACK = (0, 0, 0)

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
+from drawn_plans.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
@@ -27,7 +28,6 @@ from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, DrawingOptions, PlanPicture, draw_building
 
 MIRROR = np.array([1.0, -1.0])
 

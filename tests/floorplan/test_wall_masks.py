@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 import shapely
+from drawn_plans.drawing import STYLES, DrawingOptions, draw_building
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
@@ -19,7 +20,6 @@ from planfit.floorplan.raster.trace import trace_regions
 from planfit.floorplan.raster.twins import twin_share
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.drawing import STYLES, DrawingOptions, draw_building
 
 MIRROR = np.array([1.0, -1.0])
 STYLE = "nothing else drawn"

@@ -3,8 +3,6 @@
 from planfit.synth.building import Building as Building
 from planfit.synth.building import facap_segments as facap_segments
 from planfit.synth.building import make_building as make_building
-from planfit.synth.drawn_plan import DrawingHabits as DrawingHabits
-from planfit.synth.drawn_plan import drawn_plan as drawn_plan
 from planfit.synth.drift import drift_poses as drift_poses
 from planfit.synth.facap import write_facap as write_facap
 from planfit.synth.mesh import make_lights as make_lights

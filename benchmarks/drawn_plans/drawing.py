@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float, UInt8
 from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
+from drawn_plans.clutter import draw_clutter, draw_fittings
+from drawn_plans.pen import Pen
 from planfit.geometry import segments
 from planfit.synth.building import Building
-from planfit.synth.drawing_clutter import draw_clutter, draw_fittings
 from planfit.synth.options import OUTER_WALL_M
-from planfit.synth.pen import Pen
 from planfit.synth.rect import Rect
 
 Style = Literal["black", "grey", "hatched", "double", "double filled", "poche"]

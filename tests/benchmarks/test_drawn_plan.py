@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from drawn_plans.habits import DrawingHabits, drawn_plan
 from numpy.testing import assert_allclose
 
 from planfit.errors import OptionError
-from planfit.synth import BuildingOptions, DrawingHabits, drawn_plan, make_building
+from planfit.synth import BuildingOptions, make_building
 
 
 def building(yaw_deg: float = 0.0):

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 from jaxtyping import Float
 
+from drawn_plans.pen import Pen
 from planfit.synth.building import Building
 from planfit.synth.layout import Door
 from planfit.synth.options import OUTER_WALL_M
-from planfit.synth.pen import Pen
 from planfit.synth.rect import Rect
 
 ROOM_NAMES = ("BEDROOM", "KITCHEN", "Bath", "LIVING ROOM", "Office 12", "Hall", "Store", "WC")

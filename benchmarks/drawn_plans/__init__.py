@@ -1,0 +1,1 @@
+"""Synthetic buildings drawn as plans are: pictures in several styles, and walls a little off."""
