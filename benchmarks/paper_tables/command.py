@@ -12,6 +12,7 @@ from typing import Annotated, NoReturn
 import tyro
 
 from paper_tables.page import write_page
+from paper_tables.paired import compare_paired
 from paper_tables.results import Measured, Results, read_results
 from paper_tables.run import BenchOptions, run_bench
 from paper_tables.scans import descent_scan, paper_scans, small_scans
@@ -20,7 +21,6 @@ from planfit.cli.console import StageBars, out, table
 from planfit.cli.main import exit_with, in_one_line
 from planfit.cli.parser import parse
 from planfit.errors import OptionError, require
-from planfit.evaluation import compare_paired
 from planfit.runtime import Runtime
 
 NAME = "python benchmarks/paper_tables"

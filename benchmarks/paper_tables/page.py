@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from paper_tables.paired import compare_paired
 from paper_tables.published import METRICS as PUBLISHED_METRICS
 from paper_tables.published import MS_A_STEP, PUBLISHED
 from paper_tables.results import METRICS, Results
@@ -17,7 +18,6 @@ from paper_tables.variants import (
     UNADJUSTED,
 )
 from planfit.errors import OutputError
-from planfit.evaluation import compare_paired
 
 _NONE, _LETTER, _TRUTH = UNADJUSTED.key, PAPER_TO_THE_LETTER.key, TRUE_POSES.key
 _TITLES = {

@@ -32,8 +32,6 @@ from planfit.evaluation.metrics import trajectory_metrics as trajectory_metrics
 from planfit.evaluation.orthogonal import OrthogonalSets as OrthogonalSets
 from planfit.evaluation.orthogonal import find_orthogonal_sets as find_orthogonal_sets
 from planfit.evaluation.orthogonal import mom_m2 as mom_m2
-from planfit.evaluation.paired import Paired as Paired
-from planfit.evaluation.paired import compare_paired as compare_paired
 from planfit.evaluation.surfaces import NEAR_FACE_M as NEAR_FACE_M
 from planfit.evaluation.surfaces import FloorHeights as FloorHeights
 from planfit.evaluation.surfaces import WallDistances as WallDistances

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from paper_tables.paired import compare_paired
 from planfit.errors import OptionError
-from planfit.evaluation import compare_paired
 
 
 def test_by_hand():
