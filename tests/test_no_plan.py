@@ -168,7 +168,7 @@ def paper_adjust():
 
 def test_the_report_shows_the_scan_alone(alone):
     html = make_report("scan", None, alone, "")
-    for words in ("without a plan", "The scan from above", "Places seen twice", "nothing holds"):
+    for words in ("without a plan", "Seen from above", "Places seen twice", "nothing holds"):
         assert words in html
     for words in ("Walls of the plan", "Distance of wall points", "found on the plan", "NSD)"):
         assert words not in html

@@ -25,7 +25,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import formatting
 from planfit.report.html.page import make_report
-from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
+from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
 from planfit.report.measures import measure
 from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
@@ -339,7 +339,7 @@ def test_measures_equal_those_of_evaluate(floorplan):
 
 def test_key_metrics_appear_with_units_and_change(floorplan):
     words = read(floorplan, make_result(), truth=TruthErrors(1.0, 0.25, 0.5, 0.1)).words
-    metrics = words[words.index("Key metrics") : words.index("The scan on the plan")]
+    metrics = words[words.index("Key metrics") :]
     assert "0.080 m0.020 m−75 %" in metrics
     assert "50 %100 %+50 percentage points" in metrics
     assert "0.150 m0.000 m−100 %" in metrics
@@ -351,12 +351,26 @@ def test_key_metrics_appear_with_units_and_change(floorplan):
 def test_verdict_tells_what_improved(floorplan):
     result = make_result()
     metrics = key_metrics(result, measure(floorplan, result), None)
-    words = verdict_in_words(result, metrics)
-    assert words.startswith("Refined: cameras were moved by 0.50 m")
+    assert told_first(result.verdict).startswith("Refined: cameras were moved by 0.50 m")
+    words = reasons_in_words(result, metrics)
     assert "Better: places seen again agree" in words
     assert "Worse" not in words
     assert f"100{formatting.SPACE}%" in words
     assert f"0.020{formatting.SPACE}m" in words
+
+
+def test_verdict_numbers_and_the_scan_on_its_plan_come_first(floorplan):
+    page = read(floorplan, make_result())
+    top = page.words[: page.words.index("Key metrics")]
+    parts = (
+        "Refined: ",
+        "0.030 m expected position error",
+        "100% of the frames",
+        "0.020 m places seen twice",
+    )
+    parts = (*parts, "100 % wall points on the plan", "before: ", "after: ", "Seen from above")
+    places = [top.index(part) for part in parts]
+    assert places == sorted(places)
 
 
 def test_verdict_tells_what_got_worse(floorplan):

@@ -38,10 +38,11 @@ def make_visit(**changes):
 
 
 def make_evidence(n_frames=50, **changes) -> Evidence:
-    """Of a walk of five stretches that was moved by half a metre and ended right."""
+    """Of a walk, stretch by stretch of ten frames, that was moved by half a metre and ended right."""
+    n_stretches = -(-n_frames // 10)
     given = {
         "correction_m": np.full(n_frames, 0.5),
-        "stretches": tuple(make_stretch(k) for k in range(5)),
+        "stretches": tuple(make_stretch(k) for k in range(n_stretches)),
         "visits": (make_visit(),),
         "torn": (),
         "alignment": AdjustedAlignment(0.9, 0.4, 0.0),

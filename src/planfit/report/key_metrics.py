@@ -9,6 +9,7 @@ from jaxtyping import Float
 from planfit.evaluation import NEAR_FACE_M
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
+from planfit.pipeline.verdict import Verdict
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter
 
@@ -119,13 +120,17 @@ def key_metrics(
     return metrics
 
 
-def verdict_in_words(
+def told_first(verdict: Verdict) -> str:
+    """The outcome and its main reason, as a sentence."""
+    return f"{verdict.headline[0].upper()}{verdict.headline[1:]}."
+
+
+def reasons_in_words(
     result: RefineResult, metrics: Sequence[KeyMetric], truth: TruthErrors | None = None
 ) -> str:
-    """The outcome, what speaks for it, and what became better or worse, in plain words."""
-    verdict = result.verdict
-    words = f"{verdict.headline[0].upper()}{verdict.headline[1:]}."
-    words += "".join(f" {each[0].upper()}{each[1:]}." for each in verdict.further_reasons)
+    """What else speaks for the outcome, and what became better or worse, in plain words."""
+    further = result.verdict.further_reasons
+    words = " ".join(f"{each[0].upper()}{each[1:]}." for each in further)
     judged = metrics[: len(result.checks)]
     for name, chosen in (
         ("Better", [m for m in judged if m.is_improved and not m.is_worse]),
@@ -136,7 +141,7 @@ def verdict_in_words(
     if truth:
         before, after = (formatting.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
         words += f" Against the true positions, the error went from {before} to {after} RMS."
-    return words
+    return words.strip()
 
 
 def _told(metric: KeyMetric) -> str:

@@ -1,5 +1,6 @@
 """Sections on where the scan lies: the whole of it from above, storey by storey, and scan by scan."""
 
+from collections.abc import Sequence
 from html import escape
 from itertools import cycle
 from pathlib import PurePath
@@ -14,6 +15,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.figures import captioned, side_by_side, sides, width_pt
+from planfit.report.key_metrics import KeyMetric
 from planfit.report.measures import BeforeAfter, StoreyMeasures
 from planfit.report.plots import colors
 from planfit.report.plots.overlay import choose_close_ups, fit_in_words, side_picture
@@ -21,8 +23,25 @@ from planfit.report.plots.top_view import Crop, Mark
 from planfit.segmentation import NO_STOREY
 
 
+def three_numbers(result: RefineResult, metrics: Sequence[KeyMetric]) -> str:
+    """How far off the cameras are expected to be, and the two metrics that are judged first."""
+    verdict, expected_m = result.verdict, result.evidence.predicted_rms_m
+    within = (
+        f"expected position error (RMS); {verdict.share_within:.0%} of the frames are expected within "
+        f"{verdict.tolerance_m:g}{formatting.SPACE}m"
+    )
+    shown = [("unknown" if np.isinf(expected_m) else formatting.length(expected_m), within)]
+    for metric in metrics[:2]:
+        before, after = (formatting.quantity(v, metric.unit) for v in (metric.before, metric.after))
+        shown.append((after, f"{metric.name[0].lower()}{metric.name[1:]}; {before} before"))
+    tiles = "".join(
+        f"<div><strong>{escape(number)}</strong> {escape(words)}</div>" for number, words in shown
+    )
+    return f'<div class="numbers">{tiles}</div>'
+
+
 def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey: str = "") -> str:
-    """The whole scan on the plan, or alone, before and after, and close-ups; or a storey of it, by name."""
+    """The whole scan on the plan, or alone, before and after; or a storey of it, by name."""
     marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
@@ -47,14 +66,20 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey:
         )
     else:
         words = "Seen from above. The scan was not aligned with the plan, so the plan is not drawn."
-    head = storey or ("The scan on the plan" if both.has_plan else "The scan from above")
-    html = [f"<h2>{head}</h2><p>{words}</p>{side_by_side(pictures, crop)}"]
-    if marks and floorplan is not None:
-        html.append(
-            "<h3>Close-ups</h3><p>The windows marked above, where before and after differ most.</p>"
-        )
-        html += [_close_up(floorplan, both, mark) for mark in marks]
-    return "\n".join(html)
+    head = f"<h2>{storey}</h2>" if storey else ""
+    return f'{head}<div class="from-above">{side_by_side(pictures, crop)}</div><p>{words}</p>'
+
+
+def close_ups(
+    floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, of_storey: str = ""
+) -> str:
+    """The windows marked in the overview, of the whole or of a storey; empty where there are none."""
+    marks = choose_close_ups(both, crop)
+    if not marks or floorplan is None:
+        return ""
+    pictures = "\n".join(_close_up(floorplan, both, mark) for mark in marks)
+    head = f"<h3>Close-ups of {of_storey}</h3>" if of_storey else "<h2>Close-ups</h2>"
+    return f"{head}<p>The windows marked above, where before and after differ most.</p>{pictures}"
 
 
 def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
@@ -92,9 +117,9 @@ def storeys_section(found: Storeys, measured: tuple[StoreyMeasures, ...], crop: 
         f"coordinates are turned and moved by. {n_stairs} frames are on stairs: matches and the recorded "
         f"motion hold them.</p>{tables.table(heads, rows, 'wwnwwn')}"
     ]
-    html += [
-        overview(each.floorplan, each.both, crop, f"Storey {each.number}") for each in measured
-    ]
+    for each in measured:
+        html.append(overview(each.floorplan, each.both, crop, f"Storey {each.number}"))
+        html.append(close_ups(each.floorplan, each.both, crop, f"storey {each.number}"))
     return "\n".join(html)
 
 

@@ -19,10 +19,16 @@ from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
 from planfit.report.html.certainty_section import certainty, disagreement_section
-from planfit.report.html.overview import overview, scans_section, storeys_section
+from planfit.report.html.overview import (
+    close_ups,
+    overview,
+    scans_section,
+    storeys_section,
+    three_numbers,
+)
 from planfit.report.html.registration_section import registration_section, survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
-from planfit.report.key_metrics import TruthErrors, key_metrics, verdict_in_words
+from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
 from planfit.report.measures import BeforeAfter, measure, measure_storeys
 from planfit.report.options import Provenance
 from planfit.report.plots.top_view import Crop, crop_to_scan
@@ -119,7 +125,8 @@ def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
 
 
 def _top(shown: Shown) -> str:
-    """Title, verdict, warnings, key metrics."""
+    """What is to be seen first: title, verdict, three numbers and the scan on its plan; then what to know
+    before the result is used, and key metrics."""
     result, floorplan, made = shown.result, shown.floorplan, shown.made
     numbers = key_metrics(result, shown.both, shown.truth)
     fitted = "made to agree with itself, without a floorplan,"
@@ -131,8 +138,12 @@ def _top(shown: Shown) -> str:
         f"<h1>{escape(shown.scan_name)}</h1>",
         f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}{on_date}</p>',
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
-        f"{escape(verdict_in_words(result, numbers, shown.truth))}</p>",
+        f"{escape(told_first(result.verdict))}</p>",
+        three_numbers(result, numbers),
     ]
+    if result.storeys is None:
+        parts.append(overview(floorplan, shown.both, shown.crop))
+    parts.append(f"<p>{escape(reasons_in_words(result, numbers, shown.truth))}</p>")
     if result.by_hand is not None:
         parts.append(_by_hand(result.by_hand))
     if result.verdict.reservations:
@@ -149,12 +160,12 @@ def _top(shown: Shown) -> str:
     return "\n".join(parts)
 
 
-def _seen_on_plan(shown: Shown) -> str:
-    """The whole scan, or storey by storey where each has a plan of its own."""
+def _storeys_or_close_ups(shown: Shown) -> str:
+    """Storey by storey, where each has a plan of its own; else where before and after differ most."""
     storeys = shown.result.storeys
-    if storeys is not None:
-        return storeys_section(storeys, measure_storeys(shown.result), shown.crop)
-    return overview(shown.floorplan, shown.both, shown.crop)
+    if storeys is None:
+        return close_ups(shown.floorplan, shown.both, shown.crop)
+    return storeys_section(storeys, measure_storeys(shown.result), shown.crop)
 
 
 def _certainty(shown: Shown) -> str:
@@ -253,7 +264,7 @@ def _last_part(path: str) -> str:
 SECTIONS: tuple[Section, ...] = (
     _top,
     lambda shown: scans_section(shown.result),
-    _seen_on_plan,
+    _storeys_or_close_ups,
     lambda shown: "" if shown.scene is None else view_section(shown.scene),
     _certainty,
     lambda shown: registration_section(shown.result.registration),
