@@ -154,9 +154,9 @@ REFUSED: dict[str, tuple[str, Callable[[Path], object], str, str]] = {
     "30,000 px of nothing": ("a.png", _wide, "found a blank page", "is it the right page"),
     "900 million px": ("a.png", _huge, "178 million pixels, found more", "scale it down"),
     "absurd lines": ("a.dxf", _absurd_lines, "beyond 1e9", "check"),
-    "absurd segments": ("a.npy", _absurd_segments, "found 1e+30 x 5", "--unit or --scale"),
+    "absurd segments": ("a.npy", _absurd_segments, "found 1e+30 x 5", "give --scale"),
     "points alone": ("a.npy", _points, "found none", "is it the right file?"),
-    "a face without length": ("a.json", _face_without_length, "one without", "see docs"),
+    "a face without length": ("a.json", _face_without_length, "one without", "planfit help formats"),
 }  # fmt: skip
 
 

@@ -46,7 +46,7 @@ def test_a_run_is_preferred_to_the_recorded_poses(runs, tmp_path: Path, capsys) 
     assert len(apart) == record["frames"] == 60
     assert record["difference"]["max_m"] == pytest.approx(apart.max(), abs=1e-6)
     page = (out / "comparison.html").read_text()
-    assert page.count("<img") == 4
+    assert page.count("<figure>") == page.count("<svg viewBox") == 4
     assert "The evidence prefers A" in page
     assert run(["compare", str(runs[0]), "-o", str(out), *FEW]) == 2
     assert "pass --overwrite" in capsys.readouterr().err

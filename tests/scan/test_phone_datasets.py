@@ -207,7 +207,7 @@ def test_exr_without_the_library_says_what_to_install(sample, tmp_path, monkeypa
     for i in range(N):
         put(tmp_path / "rgb" / f"{i}.jpg", files[f"rgbd/{i}.jpg"])
         put(tmp_path / "depth" / f"{i}.exr", b"v/1")
-    with pytest.raises(ScanError, match=r"found none; install planfit\[record3d\]"):
+    with pytest.raises(ScanError, match=r"found none; pip install .planfit\[record3d\]"):
         read_scan(tmp_path).files.depth(0)
 
 

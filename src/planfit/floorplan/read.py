@@ -66,10 +66,11 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
         floorplan = replace(floorplan, source=source)
     extent = max(floorplan.size)
     if floorplan.is_metric and not MIN_SIZE_M <= extent <= MAX_SIZE_M:
+        as_written = extent / METRES_PER_UNIT.get(options.unit, 1.0)
+        mend = "check --scale" if options.metres_per_unit else units_that_fit(as_written)
         raise FloorplanError(
             f"{path}: expected a building in metres ({MIN_SIZE_M:g} to {MAX_SIZE_M:g} m across), "
-            f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; "
-            f"{units_that_fit(extent / (options.metres_per_unit or METRES_PER_UNIT.get(options.unit, 1.0)))}"
+            f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; {mend}"
         )
     floorplan = floorplan.mirrored() if options.mirror else floorplan
     if options.edits is None:
