@@ -177,11 +177,6 @@ class ResultKind(Kind):
         "scan that part again with places that were seen before and walls of both directions in view, or "
         "give control points there",
     )
-    FRAMES_UNCONFIRMED = reservation(
-        "frames {frames} are confirmed by nothing: {near_share:.0%} of their {patch_count} wall patches lie "
-        "on the plan, {near_share_elsewhere:.0%} elsewhere, and no place of theirs is seen again",
-        "check the plan there: its walls may have been moved or not been built; else the tracker jumped",
-    )
     WALLS_ALONE = reservation(
         "nothing but walls corrects the recorded motion, as no images match, and only {near_share:.0%} of "
         "the wall patches lie on the plan in solves that did without them",

@@ -1,31 +1,19 @@
 """Reservations: which part of a result the evidence does not bear, and why."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
 
 from planfit.alignment import other_scale_finding
 from planfit.findings import Finding, ResultKind
-from planfit.pipeline.evidence import CONTRADICTED_M, Evidence, Stretch
+from planfit.pipeline.evidence import CONTRADICTED_M, Evidence
 
 VOUCHED_SHARE = 0.95
 """Share of the frames that must be expected to lie within the tolerance: what surveyors promise."""
 LIKELIER_WITHIN = 0.5
 """Of a vouched result, a stretch of the walk that is likelier to lie beyond the tolerance is named."""
-WITNESSED_SHARE = 0.25
-"""A stretch is confirmed by the plan where at least this share of its wall patches lies on it."""
-UNEXPLAINED_SHARE = 0.2
-"""A run of stretches is unexplained whose wall lies on the plan less than this times as often as
-elsewhere."""
-UNEXPLAINED_PATCHES = 8
-"""So many wall patches at least tell that."""
-NOWHERE_SHARE = 0.5
-"""Between confirmed stretches, walls are missed where less than this times as much is on the plan or
-beside."""
-ELSEWHERE_SHARE = 0.5
-"""Where even elsewhere less of the wall lies on the plan, the plan says little of where a stretch is."""
 OF_FRAMES_ALONE = {"floor", "ceiling", "odometry"}
 """Terms that bring no two frames together but by the recorded motion."""
 HELD_BY_WALLS_SHARE = 0.5
@@ -52,7 +40,6 @@ def reservations_of(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ..
         *_of_broken_path(evidence),
         *_of_other_scale(evidence),
         *_of_unsure_places(evidence, tolerance_m),
-        *_of_unexplained_stretches(evidence),
         *_of_walls_alone(evidence),
         *_of_contradicted_visits(evidence),
         *_of_strained_terms(evidence),
@@ -134,32 +121,6 @@ def _of_rivals(evidence: Evidence) -> Finding:
     )
 
 
-def _of_unexplained_stretches(evidence: Evidence) -> list[Finding]:
-    """Runs of stretches whose walls are not on the plan though walls elsewhere are, and that nothing else
-    confirms."""
-    agreeing = {
-        frames
-        for visit in evidence.visits
-        if visit.kept_out_m < CONTRADICTED_M
-        for frames in (visit.first_frames, visit.last_frames)
-    }
-    is_alone = [
-        s.frames not in agreeing and not s.near_kept_out >= WITNESSED_SHARE
-        for s in evidence.stretches
-    ]
-    found = []
-    for run in _runs(is_alone):
-        if not _is_unexplained(evidence, run):
-            continue
-        own = [evidence.stretches[k] for k in run]
-        walls, elsewhere = _walls_of(own), _walls_of(_rest(evidence, run))
-        facts = {"near_share": walls.near, "near_share_elsewhere": elsewhere.near}
-        facts |= {"patch_count": walls.n_patches}
-        frames = own[0].frames[0], own[-1].frames[1]
-        found.append(Finding(ResultKind.FRAMES_UNCONFIRMED, facts, (frames,)))
-    return found
-
-
 def _of_walls_alone(evidence: Evidence) -> list[Finding]:
     """Walls that hold the recorded motion alone, and do not confirm themselves."""
     near = evidence.near_shares
@@ -167,28 +128,6 @@ def _of_walls_alone(evidence: Evidence) -> list[Finding]:
     if near is None or is_tied or near[1] >= HELD_BY_WALLS_SHARE:
         return []
     return [Finding(ResultKind.WALLS_ALONE, {"near_share": near[1]}, _all_frames(evidence))]
-
-
-def _is_unexplained(evidence: Evidence, run: Sequence[int]) -> bool:
-    """Whether the walls of a run that is confirmed by nothing are missed on the plan.
-
-    At an end of the walk, a run hangs at one side only: walls beside the drawn ones tell as well, as it may
-    have drifted off as a whole. Between stretches that are confirmed, walls beside the drawn ones were
-    moved; but where several stretches are near no wall at all, the path between may go anywhere."""
-    own = _walls_of([evidence.stretches[k] for k in run])
-    rest = _walls_of(_rest(evidence, run))
-    if min(own.n_patches, rest.n_patches) < UNEXPLAINED_PATCHES or rest.near < ELSEWHERE_SHARE:
-        return False
-    if own.near > UNEXPLAINED_SHARE * rest.near:
-        return False
-    if 0 in run or len(evidence.stretches) - 1 in run:
-        return True
-    is_nowhere = own.near + own.beside <= NOWHERE_SHARE * rest.near
-    return is_nowhere and len(run) > 1 and own.n_patches >= 2 * UNEXPLAINED_PATCHES
-
-
-def _rest(evidence: Evidence, run: Sequence[int]) -> list[Stretch]:
-    return [stretch for k, stretch in enumerate(evidence.stretches) if k not in run]
 
 
 def _of_contradicted_visits(evidence: Evidence) -> list[Finding]:
@@ -212,25 +151,6 @@ def _of_strained_terms(evidence: Evidence) -> list[Finding]:
         for name, (before, after) in evidence.scan_costs.items()
         if after > MAX_STRAIN * before
     ]
-
-
-@dataclass(frozen=True)
-class _Walls:
-    """Wall of some stretches, kept out of the solve."""
-
-    n_patches: int
-    near: float
-    """Share of the patches on the plan."""
-    beside: float
-    """Share of them beside it."""
-
-
-def _walls_of(stretches: Sequence[Stretch]) -> _Walls:
-    seen = [s for s in stretches if s.n_patches]
-    n_patches = sum(s.n_patches for s in seen)
-    near = sum(s.near_kept_out * s.n_patches for s in seen)
-    beside = sum(s.beside * s.n_patches for s in seen)
-    return _Walls(n_patches, near / max(n_patches, 1), beside / max(n_patches, 1))
 
 
 def _runs(holds: Sequence[bool]) -> list[list[int]]:
