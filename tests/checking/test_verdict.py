@@ -38,7 +38,12 @@ ELSEWHERE = Finding(PlanKind.ADJUSTED_FITS_ELSEWHERE, {"wall_share": 0.3, "other
             },
             ResultKind.FRAMES_NOT_FIXED,
             ((20, 39),),
-            {"predicted_m": 0.5, "direction": (1.0, 0.0)},
+            {
+                "predicted_m": 0.5,
+                "direction": (1.0, 0.0),
+                "within_share": pytest.approx(0.0344, abs=1e-4),
+                "tolerance_m": 0.15,
+            },
         ),
         (
             {"unplaced": ((5, 9), (30, 30))},
@@ -76,7 +81,11 @@ ELSEWHERE = Finding(PlanKind.ADJUSTED_FITS_ELSEWHERE, {"wall_share": 0.3, "other
             {"predicted_error_m": np.full(50, 0.12)},
             ResultKind.ALL_MAY_BE_OFF,
             ALL,
-            {"predicted_rms_m": pytest.approx(0.12)},
+            {
+                "predicted_rms_m": pytest.approx(0.12),
+                "within_share": pytest.approx(0.8038, abs=1e-4),
+                "tolerance_m": 0.15,
+            },
         ),
         ({"is_placed": False, "alignment": None}, ResultKind.NOT_PLACED, ALL, {}),
     ],

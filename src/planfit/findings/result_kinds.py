@@ -173,7 +173,12 @@ class ResultKind(Kind):
         _check_of_rivals,
     )
     FRAMES_NOT_FIXED = reservation(
-        ("frames {frames} are not fixed", _along, ": they may be off by {predicted_m:.2f} m"),
+        (
+            "frames {frames} are not fixed",
+            _along,
+            ": they may be off by {predicted_m:.2f} m (RMS), {within_share:.0%} of them are expected to be "
+            "within {tolerance_m:g} m",
+        ),
         "scan that part again with places that were seen before and walls of both directions in view, or "
         "give control points there",
     )
@@ -202,7 +207,7 @@ class ResultKind(Kind):
         "give wall masks, or scan more of the walls",
     )
     ALL_MAY_BE_OFF = reservation(
-        "all frames may be off by {predicted_rms_m:.2f} m (RMS): solves without a part of the evidence "
-        "differ by that much",
+        "all frames may be off by {predicted_rms_m:.2f} m (RMS): {within_share:.0%} of them are expected to "
+        "be within {tolerance_m:g} m",
         "scan again so that the walk comes back to places seen before",
     )

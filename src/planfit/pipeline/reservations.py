@@ -90,14 +90,17 @@ def _of_unsure_places(evidence: Evidence, tolerance_m: float) -> list[Finding]:
     """Stretches of the walk that may lie beyond the tolerance; of the whole, whether in another optimum."""
     within, enough = evidence.probability_within(tolerance_m), is_vouched(evidence, tolerance_m)
     least = LIKELIER_WITHIN if enough else VOUCHED_SHARE
-    is_unsure = [
-        within[slice(s.frames[0], s.frames[1] + 1)].mean() < least for s in evidence.stretches
-    ]
+
+    def share_of(first: int, last: int) -> float:
+        return float(within[first : last + 1].mean())
+
+    is_unsure = [share_of(*stretch.frames) < least for stretch in evidence.stretches]
     rival_m, error_m = evidence.rival_error_m, evidence.predicted_rms_m
     if not enough and 2 * rival_m**2 > error_m**2:  # most of what is not known is which optimum
         return [_of_rivals(evidence)]
     if all(is_unsure):
-        facts = {"predicted_rms_m": error_m}
+        facts = {"predicted_rms_m": error_m, "within_share": evidence.share_within(tolerance_m)}
+        facts |= {"tolerance_m": tolerance_m}
         return [Finding(ResultKind.ALL_MAY_BE_OFF, facts, _all_frames(evidence))]
     found = []
     for run in _runs(is_unsure):
@@ -105,6 +108,7 @@ def _of_unsure_places(evidence: Evidence, tolerance_m: float) -> list[Finding]:
         frames = stretches[0].frames[0], stretches[-1].frames[1]
         worst = max(stretches, key=lambda s: s.predicted_m)
         facts = {"predicted_m": worst.predicted_m, "direction": worst.open_direction}
+        facts |= {"within_share": share_of(*frames), "tolerance_m": tolerance_m}
         found.append(Finding(ResultKind.FRAMES_NOT_FIXED, facts, (frames,)))
     return found
 
