@@ -9,7 +9,7 @@ from PIL import Image
 
 from planfit.report.plots import colors
 from planfit.report.plots.axes import Axes, left_pt, new_chart, round_number, tick_values
-from planfit.report.plots.drawing import Box, Drawing, Words, rgb_of, to_svg
+from planfit.report.plots.drawing import Box, Drawing, Words, rgb_of, to_svg, visible_lines
 from planfit.report.plots.raster import DPI, to_image, to_png
 
 RED, GREEN = "#ff0000", "#00ff00"
@@ -155,3 +155,9 @@ def test_words_of_a_page_are_escaped():
 def test_letters_that_the_file_lacks_do_not_stop_it():
     words = Words("Büro −2\u00a0m 中", (5.0, 20.0), colors.BEFORE, is_bold=True)
     assert len(pixels_of(to_image(Drawing(200, 40, [words])), colors.BEFORE, 40)) > 100
+
+
+def test_lines_are_broken_where_a_point_is_nowhere():
+    line = np.array([[1.0, 1], [2, 1], [np.nan, np.nan], [6, 1], [8, 3], [9, np.inf], [3, 3]])
+    found = visible_lines([line], Box(0.0, 0.0, 10.0, 10.0))
+    assert [one.tolist() for one in found] == [[[1, 1], [2, 1]], [[6, 1], [8, 3]]]

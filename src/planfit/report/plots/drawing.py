@@ -13,6 +13,7 @@ import shapely
 from jaxtyping import Float, UInt8
 from PIL import Image, ImageFont
 
+from planfit.pipeline.on_plan import frame_runs
 from planfit.report.plots import colors
 
 PANEL_PT = 331
@@ -131,13 +132,22 @@ def rgb_of(color: str) -> tuple[int, int, int]:
 def visible_lines(
     lines: list[Float[np.ndarray, "_ 2"]] | Float[np.ndarray, "f k 2"], box: Box
 ) -> list[Float[np.ndarray, "_ 2"]]:
-    """What of lines (pt) lies in a box, without the points that nobody would miss."""
+    """What of lines (pt) lies in a box, without the points that nobody would miss; a line is broken at points
+    that are not finite."""
     # A line along the rim is seen by half of its width.
     rim = box.left - 0.5, box.top - 0.5, box.right + 0.5, box.bottom + 0.5
-    shapes = np.array([shapely.linestrings(line) for line in lines if len(line) > 1], dtype=object)
+    runs = [run for line in lines for run in _finite_runs(line) if len(run) > 1]
+    shapes = np.array([shapely.linestrings(run) for run in runs], dtype=object)
     inside = shapely.simplify(shapely.clip_by_rect(shapes, *rim), 0.05)
     parts = shapely.get_parts(inside)
     return [shapely.get_coordinates(p) for p in parts[shapely.length(parts) > 0.05]]
+
+
+def _finite_runs(line: Float[np.ndarray, "_ 2"]) -> list[Float[np.ndarray, "_ 2"]]:
+    is_finite = np.isfinite(line).all(axis=1)
+    if is_finite.all():
+        return [line]
+    return [line[first : last + 1] for first, last in frame_runs(is_finite)]
 
 
 def to_svg(drawing: Drawing, attributes: str = "") -> str:

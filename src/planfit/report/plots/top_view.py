@@ -145,7 +145,9 @@ def draw_path(
     axes.lines(np.split(xy, np.union1d(gaps, jumps) + 1), color, width_pt)
     axes.lines([xy[i : i + 2] for i in gaps], color, width_pt, DOTTED)
     axes.lines([xy[i : i + 2] for i in jumps], colors.BEFORE, width_pt)
-    axes.ring(xy[0], color)
+    placed = xy[np.isfinite(xy).all(axis=1)]  # of a storey, the frames that stand on it
+    if len(placed):
+        axes.ring(placed[0], color)
 
 
 def find_gaps(positions: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " g"]:
