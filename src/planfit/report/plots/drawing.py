@@ -144,10 +144,8 @@ def visible_lines(
 
 
 def _finite_runs(line: Float[np.ndarray, "_ 2"]) -> list[Float[np.ndarray, "_ 2"]]:
-    is_finite = np.isfinite(line).all(axis=1)
-    if is_finite.all():
-        return [line]
-    return [line[first : last + 1] for first, last in frame_runs(is_finite)]
+    runs = frame_runs(np.asarray(np.isfinite(line).all(axis=1)))
+    return [line[first : last + 1] for first, last in runs]
 
 
 def to_svg(drawing: Drawing, attributes: str = "") -> str:
