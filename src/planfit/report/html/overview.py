@@ -40,9 +40,14 @@ def three_numbers(result: RefineResult, metrics: Sequence[KeyMetric]) -> str:
     return f'<div class="numbers">{tiles}</div>'
 
 
-def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey: str = "") -> str:
+def overview(
+    floorplan: Floorplan | None,
+    both: BeforeAfter,
+    crop: Crop,
+    marks: tuple[Mark, ...],
+    storey: str = "",
+) -> str:
     """The whole scan on the plan, or alone, before and after; or a storey of it, by name."""
-    marks = choose_close_ups(both, crop)
     pictures = [
         captioned(
             side_picture(floorplan, both, side, crop, marks, width_pt(crop)),
@@ -71,10 +76,9 @@ def overview(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, storey:
 
 
 def close_ups(
-    floorplan: Floorplan | None, both: BeforeAfter, crop: Crop, of_storey: str = ""
+    floorplan: Floorplan | None, both: BeforeAfter, marks: tuple[Mark, ...], of_storey: str = ""
 ) -> str:
     """The windows marked in the overview, of the whole or of a storey; empty where there are none."""
-    marks = choose_close_ups(both, crop)
     if not marks or floorplan is None:
         return ""
     pictures = "\n".join(_close_up(floorplan, both, mark) for mark in marks)
@@ -118,8 +122,9 @@ def storeys_section(found: Storeys, measured: tuple[StoreyMeasures, ...], crop: 
         f"motion hold them.</p>{tables.table(heads, rows, 'wwnwwn')}"
     ]
     for each in measured:
-        html.append(overview(each.floorplan, each.both, crop, f"Storey {each.number}"))
-        html.append(close_ups(each.floorplan, each.both, crop, f"storey {each.number}"))
+        marks = choose_close_ups(each.both, crop)
+        html.append(overview(each.floorplan, each.both, crop, marks, f"Storey {each.number}"))
+        html.append(close_ups(each.floorplan, each.both, marks, f"storey {each.number}"))
     return "\n".join(html)
 
 

@@ -31,7 +31,8 @@ from planfit.report.html.view_section import view_data, view_script, view_sectio
 from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
 from planfit.report.measures import BeforeAfter, measure, measure_storeys
 from planfit.report.options import Provenance
-from planfit.report.plots.top_view import Crop, crop_to_scan
+from planfit.report.plots.overlay import choose_close_ups
+from planfit.report.plots.top_view import Crop, Mark, crop_to_scan
 from planfit.report.scene.scene import Scene
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
@@ -49,6 +50,8 @@ class Shown:
     both: BeforeAfter
     crop: Crop
     """Part of the plan that pictures show."""
+    marks: tuple[Mark, ...]
+    """Windows where before and after differ most; none of plans by storey, which have their own."""
     scene: Scene | None
     as_built: AsBuilt | None
     made: Provenance | None
@@ -84,6 +87,7 @@ def make_report(
         made: when, how and with what the run was made, where that is to be told.
     """
     both = both or measure(floorplan, result)
+    crop = crop_to_scan(both)
     shown = Shown(
         _last_part(scan_name),
         floorplan,
@@ -91,7 +95,8 @@ def make_report(
         options_text,
         truth,
         both,
-        crop_to_scan(both),
+        crop,
+        choose_close_ups(both, crop) if result.storeys is None else (),
         scene,
         as_built,
         made,
@@ -142,7 +147,7 @@ def _top(shown: Shown) -> str:
         three_numbers(result, numbers),
     ]
     if result.storeys is None:
-        parts.append(overview(floorplan, shown.both, shown.crop))
+        parts.append(overview(floorplan, shown.both, shown.crop, shown.marks))
     parts.append(f"<p>{escape(reasons_in_words(result, numbers, shown.truth))}</p>")
     if result.by_hand is not None:
         parts.append(_by_hand(result.by_hand))
@@ -164,7 +169,7 @@ def _storeys_or_close_ups(shown: Shown) -> str:
     """Storey by storey, where each has a plan of its own; else where before and after differ most."""
     storeys = shown.result.storeys
     if storeys is None:
-        return close_ups(shown.floorplan, shown.both, shown.crop)
+        return close_ups(shown.floorplan, shown.both, shown.marks)
     return storeys_section(storeys, measure_storeys(shown.result), shown.crop)
 
 
