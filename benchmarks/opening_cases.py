@@ -20,10 +20,9 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.scan import Scan
 from planfit.synth import Building, SyntheticScan
-from planfit.synth.box import Box
 from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.lookalikes import LEAF_THICKNESS_M
-from planfit.synth.materials import WOOD_COLORS, Material
+from planfit.synth.materials import WOOD_COLORS, Box, Material
 from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.rect import Rect
 from planfit.synth.render import Renderer

@@ -18,7 +18,7 @@ from planfit.cli import run
 from planfit.errors import OptionError
 from planfit.export.option_files import to_toml
 from planfit.lsq import LossKind
-from planfit.pipeline.presets import PRESETS
+from planfit.pipeline.options import PRESETS
 from planfit.runtime import short_repr
 from planfit.runtime.option_values import option_names, require_kinds
 from planfit.synth import CameraOptions, SynthOptions, WalkOptions, make_scan, write_facap

@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.errors import OutputError
+from planfit.export.datasets import observe
 from planfit.export.matches_file import (
     FLOOR_DEG,
     FLOOR_M,
@@ -15,7 +16,6 @@ from planfit.export.matches_file import (
     read_matches,
     write_matches,
 )
-from planfit.export.observations import observe
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches

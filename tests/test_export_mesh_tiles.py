@@ -5,8 +5,7 @@ import pytest
 import trimesh
 
 import planfit.export.mesh as mesh_module
-from planfit.export.mesh import SUFFIXES, fuse_mesh, write_mesh
-from planfit.export.mesh_tiles import BLOCK_VOXELS, cut_tiles
+from planfit.export.mesh import BLOCK_VOXELS, SUFFIXES, cut_tiles, fuse_mesh, write_mesh
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan

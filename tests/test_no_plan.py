@@ -161,7 +161,7 @@ def test_what_extra_terms_need_is_told_before_anything_is_read(synthetic, floorp
 
 
 def paper_adjust():
-    from planfit.pipeline.presets import preset
+    from planfit.pipeline.options import preset
 
     return preset("paper").adjust
 

@@ -16,7 +16,7 @@ from PIL import Image
 from planfit.as_built.record import read_as_built
 from planfit.batch.jobs import read_jobs
 from planfit.cli.batch import columns
-from planfit.cli.config import read_options
+from planfit.cli.parser import read_options
 from planfit.cli.run_record import cache_of, read_record
 from planfit.errors import (
     MAX_MESSAGE,

@@ -9,10 +9,10 @@ from scipy.stats import chi2
 
 from planfit.export.tables import registration_record, write_registration
 from planfit.pipeline.evidence import Evidence, Stretch
+from planfit.pipeline.links import Visit
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.strength import LOOPS, DirectionStrength
 from planfit.pipeline.validation import Check
-from planfit.pipeline.visits import Visit
 from planfit.report.html.registration_section import registration_section
 from planfit.survey import PointResidual, SurveyResiduals
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from planfit.alignment import AdjustedAlignment
 from planfit.pipeline.evidence import Evidence, Stretch
+from planfit.pipeline.links import Visit
 from planfit.pipeline.verdict import Verdict, judge
-from planfit.pipeline.visits import Visit
 
 
 def make_stretch(k, **changes):

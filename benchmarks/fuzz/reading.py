@@ -140,7 +140,7 @@ def _read_poses(path: Path) -> str:
 
 
 def _read_options(path: Path) -> str:
-    from planfit.cli.config import read_options
+    from planfit.cli.parser import read_options
     from planfit.pipeline.options import RefineOptions
 
     weight = read_options(path, RefineOptions()).adjust.walls.weight

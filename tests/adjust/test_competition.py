@@ -23,13 +23,11 @@ from planfit.adjust import (
     adjust_to_plan,
     build_problem,
     competition,
-    reach,
     voting,
 )
 from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import AssociationOptions, associate
-from planfit.adjust.competition import best_of_starts, full_cost, is_clear, limits
-from planfit.adjust.reach import patch_sigmas
+from planfit.adjust.competition import best_of_starts, full_cost, is_clear, limits, patch_sigmas
 from planfit.adjust.terms.observation_models import WALLS
 from planfit.adjust.terms.walls import WallTerm, observations_of
 from planfit.adjust.voting import MAX_SHIFT_M, vote
@@ -131,7 +129,7 @@ def test_wall_seen_from_unsure_poses_reaches_further(walk):
     matched = replace(measurements, matches=make_matches(poses, pairs, points))
     more = build_problem(matched, AdjustOptions(), poses).scan_terms
     assert (patch_sigmas(structure.walls, more, poses) <= sigmas + 1e-9).all()
-    with patch.multiple(reach, WHOLE_SIGMA_M=0.01, WHOLE_SIGMA_DEG=0.1):
+    with patch.multiple(competition, WHOLE_SIGMA_M=0.01, _WHOLE_SIGMA_DEG=0.1):
         assert (patch_sigmas(structure.walls, terms, poses) < sigmas).all()
 
 
@@ -180,7 +178,7 @@ def test_a_start_that_reaches_finds_what_a_narrow_loss_does_not(walk):
     narrow = adjust_to_plan(measurements, floorplan, start, AdjustOptions(starts=("aligned",)))
     assert position_rms_m(narrow.solution.target_from_cams, poses) > 0.1
     for starts in (("reach",), ("vote",), ("wide",), AdjustOptions().starts):
-        with patch.object(reach, "WHOLE_SIGMA_M", 0.4):
+        with patch.object(competition, "WHOLE_SIGMA_M", 0.4):
             options = AdjustOptions(starts=starts)
             found = adjust_to_plan(measurements, floorplan, start, options)
         assert position_rms_m(found.solution.target_from_cams, poses) < 0.03, starts

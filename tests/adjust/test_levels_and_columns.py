@@ -8,9 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from builders import faces_plan, look, make_matches, make_structure, make_world, moved_plan
-from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, ceiling_hypotheses, ceilings
-from planfit.adjust.ceiling_hypotheses import settle_ceilings
-from planfit.adjust.ceilings import find_ceilings
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, ceilings
+from planfit.adjust.ceilings import find_ceilings, settle_ceilings
 from planfit.adjust.options import TermOptions
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -221,11 +220,11 @@ def test_one_ceiling_seen_at_two_heights_by_poses_that_fell_is_one(rng):
     found, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(found, 2.5, atol=0.02)
     assert_allclose(cameras_m, 1.5, atol=0.06)  # from 1.0
-    with patch.object(ceiling_hypotheses, "_MAX_DRIFT_M", 0.0):
+    with patch.object(ceilings, "_MAX_DRIFT_M", 0.0):
         left, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(left[:20], 2.0, atol=0.03)
     assert_allclose(cameras_m, recorded[:, 2, 3])
-    with patch.object(ceiling_hypotheses, "_MIN_GAIN", 1e6):
+    with patch.object(ceilings, "_MIN_GAIN", 1e6):
         left, _ = settle_ceilings(measurements, recorded, options)
     assert_allclose(left[:20], 2.0, atol=0.03)
 

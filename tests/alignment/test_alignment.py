@@ -12,12 +12,11 @@ from planfit.alignment import (
     SETTLED_BY_POINTS,
     AlignOptions,
     align,
-    candidates,
     sample_walls,
     search,
     selection,
 )
-from planfit.alignment.candidates import candidate_yaws
+from planfit.alignment.search import candidate_yaws
 from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.findings import PlanKind
 from planfit.floorplan import Floorplan
@@ -235,10 +234,10 @@ def test_what_is_within_the_distance_of_another_alignment_is_the_same_one(monkey
 
 def test_max_yaws_and_candidates(office):
     walls = seen(office, np.arange(12), se3.yaw_transform(0.5))
-    with patch.object(candidates, "MAX_YAWS", 3):
+    with patch.object(search, "MAX_YAWS", 3):
         assert len(candidate_yaws(walls, office)) == 3
     with (
-        patch.object(candidates, "MAX_YAWS", 1),
+        patch.object(search, "MAX_YAWS", 1),
         patch.object(search, "MAX_CANDIDATES", 1),
     ):
         only = align(walls, office, AlignOptions())

@@ -14,7 +14,7 @@ from planfit.alignment import (
     metric_plan,
     sample_walls,
 )
-from planfit.alignment.candidates import scale_range, scale_steps, wall_thickness
+from planfit.alignment.search import scale_range, scale_steps, wall_thickness
 from planfit.alignment.selection import select_hypothesis
 from planfit.errors import FloorplanError, OptionError, ScanError
 from planfit.findings import PlanKind

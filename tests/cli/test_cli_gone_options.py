@@ -3,9 +3,9 @@
 import pytest
 
 from planfit.cli.commands import COMMANDS_BY_NAME
-from planfit.cli.config import read_options
 from planfit.cli.gone_options import GONE_OPTIONS
 from planfit.cli.main import main
+from planfit.cli.parser import read_options
 from planfit.errors import OptionError
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime.option_values import option_names

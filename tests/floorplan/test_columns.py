@@ -12,7 +12,7 @@ from planfit.cli import run
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.floorplan.columns import find_columns
 from planfit.floorplan.raster import plan_of_picture
-from planfit.floorplan.vector.column_rings import find_column_rings
+from planfit.floorplan.vector.closed_pieces import find_column_rings
 
 OUTER = [(0, 0), (9, 0), (9, 6), (0, 6)]
 INNER = [(0.3, 0.3), (8.7, 0.3), (8.7, 5.7), (0.3, 5.7)]

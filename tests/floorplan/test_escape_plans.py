@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.raster.escape_signs import without_signs
+from planfit.floorplan.raster.sheet_marks import without_signs
 
 GREEN, RED, BLUE = (96, 136, 0), (44, 36, 204), (180, 80, 20)
 """BGR of ISO 3864."""

@@ -7,8 +7,8 @@ import pytest
 import shapely
 
 from planfit.floorplan import read_floorplan
+from planfit.floorplan.vector.closed_pieces import outer_wall
 from planfit.floorplan.vector.drawing import DrawingBuilder
-from planfit.floorplan.vector.nested_outlines import outer_wall
 
 CORNERS = [
     (216, 60, 346, 100), (900, 60, 1300, 120), (70, 300, 150, 420), (930, 70, 1270, 78),

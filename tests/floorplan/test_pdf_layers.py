@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from plan_files import write_pdf_stream
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.formats.pdf_layers import hidden_layers
+from planfit.floorplan.formats.pdf_paths import hidden_layers
 
 ROOM = shapely.box(100, 100, 700, 500).difference(shapely.box(110, 110, 690, 490))
 UPPER = shapely.box(300, 110, 310, 490)

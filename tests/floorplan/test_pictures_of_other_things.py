@@ -8,7 +8,7 @@ from drawn_plans.drawing import DrawingOptions, draw_building
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.floorplan.plausible import aligned_share, are_closed_rooms, kinked_share
 from planfit.floorplan.raster import plan_of_picture
-from planfit.floorplan.raster.photographs import is_photograph
+from planfit.floorplan.raster.sheet_marks import is_photograph
 from planfit.synth import BuildingOptions, make_building
 from strange_pictures import strange_picture
 

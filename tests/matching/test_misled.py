@@ -9,7 +9,7 @@ from painted_rooms import POSTER, ROOM, grids_of
 
 from builders import look
 from planfit.geometry import se3
-from planfit.matching import NeighbourMotions, misled, without_misled
+from planfit.matching import NeighbourMotions, visits, without_misled
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import RelativePoses
@@ -93,13 +93,13 @@ def test_of_a_long_walk_some_of_the_pairs_that_agree_say_what_is_usual(monkeypat
     poses = walk()
     every = kept(neighbours(poses), poses)
     asked = []
-    whole = misled.compare
+    whole = visits.compare
 
     def compare(relative_poses, *rest):
         asked.append(len(relative_poses))
         return whole(relative_poses, *rest)
 
-    monkeypatch.setattr(misled, "compare", compare)
-    monkeypatch.setattr(misled, "MAX_USUAL", 3)
+    monkeypatch.setattr(visits, "compare", compare)
+    monkeypatch.setattr(visits, "MAX_USUAL", 3)
     assert_array_equal(kept(neighbours(poses), poses), every)
     assert asked == [4, 4]  # three of the six that agree, and the one that does not

@@ -18,9 +18,9 @@ from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report.html.page import make_report
 from planfit.report.html.view_section import view_data
 from planfit.report.scene.encode import REACH_M, quantise, tile_frames
+from planfit.report.scene.make import scene_walls
 from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
 from planfit.report.scene.scene import ScenePoints
-from planfit.report.scene.walls import scene_walls
 from planfit.report.walls import seen_faces
 from planfit.runtime import Runtime
 from planfit.scan import scan_from_arrays

@@ -7,7 +7,7 @@ import pytest
 
 from planfit.errors import ScanError
 from planfit.scan import ScanOptions
-from planfit.scan.formats.bag_topics import COMPRESSED, IMAGE, INFO_TYPE, choose_topics
+from planfit.scan.formats.bag_messages import COMPRESSED, IMAGE, INFO_TYPE, choose_topics
 
 TF = {"/tf": "tf2_msgs/msg/TFMessage"}
 

@@ -17,7 +17,6 @@ from planfit.segmentation import (
     SegmentationOptions,
     back_ends,
     choose_back_end,
-    geometry_labels,
 )
 from planfit.segmentation.label_kernels import CELL_M, label_level, label_walls
 from planfit.segmentation.visibility_map import Submap
@@ -167,7 +166,7 @@ def test_max_tilt_deg():
         gravity = Gravity(off[2, :3], 1.0, "9 deg off")
         with (
             patch.object(back_ends, "MAX_TILT_DEG", max_tilt_deg),
-            patch.object(geometry_labels, "MAX_TILT_DEG", max_tilt_deg),
+            patch.object(back_ends, "MAX_TILT_DEG", max_tilt_deg),
         ):
             back_end = choose_back_end(scan, gravity, options, Runtime(1))
             labels = back_end.labels(0, scan.files.depth(0))
@@ -180,7 +179,7 @@ def test_floor_band_m_is_about_the_floors_height():
     step = ((2.0, 1.0, 0.0), (4.0, 3.0, 0.12))
 
     def share(band_m):
-        with patch.multiple(geometry_labels, _FLOOR_BAND_M=band_m):
+        with patch.multiple(back_ends, _FLOOR_BAND_M=band_m):
             labels, points = labelled(views(25.0), [step])
         top = np.abs(points[..., 2] - 0.12) < 0.005
         assert top.sum() > 300
@@ -196,11 +195,11 @@ def test_floor_band_m_is_about_the_floors_height():
 def test_tolerance_and_growth_fill_what_normals_leave():
     poses = views(20.0)
     grown, points = labelled(poses)
-    with patch.multiple(geometry_labels, _GROW_PX=1):
+    with patch.multiple(back_ends, _GROW_PX=1):
         bare, _ = labelled(poses)
-    with patch.multiple(geometry_labels, _TOLERANCE_M=1e-4, _TOLERANCE_PER_M2=0.0):
+    with patch.multiple(back_ends, _TOLERANCE_M=1e-4, _TOLERANCE_PER_M2=0.0):
         tight, _ = labelled(poses)
-    with patch.multiple(geometry_labels, _TOLERANCE_M=0.2):
+    with patch.multiple(back_ends, _TOLERANCE_M=0.2):
         wide, _ = labelled(poses)
     n = [np.sum(x == Label.WALL) for x in (grown, bare, tight, wide)]
     assert n[0] > n[1]

@@ -11,11 +11,11 @@ from builders import NoFiles, look, make_matches, room_plan, room_scan
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.pipeline.together.joined import join_structures
 from planfit.runtime import Runtime
 from planfit.runtime.mapped import CAN_LET_GO, is_mapped
 from planfit.scan import Label
 from planfit.segmentation import ArrayBackEnd, Gravity, SegmentationOptions, segment, segment_scan
-from planfit.segmentation.joined import join_structures
 
 VIEWS = np.stack([look([2 + 0.3 * i, 1.6, 1.4], 60 * i, 12) for i in range(6)])
 UP = Gravity(np.array([0, 0, 1.0]), 1.0, "known")

@@ -10,14 +10,13 @@ from planfit.errors import ScanError
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching import Matches
+from planfit.pipeline.together.joined import APART_M, join_structures, join_trackings
 from planfit.scan import scan_from_arrays
 from planfit.scan.joined import join_scans, short_names
 from planfit.scan.odometry import OdometryOptions
 from planfit.scan.views import select_frames
 from planfit.segmentation import LevelPoints, Structure, WallPatches
-from planfit.segmentation.joined import join_structures
 from planfit.tracking import believe
-from planfit.tracking.joined import APART_M, join_trackings
 
 
 def make(name, n, size=(32, 24), has_color=True, seed=0):

@@ -9,8 +9,8 @@ from measured_walk import measure, tracked, walk
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking import TrackingOptions, judge, judge_tracking
-from planfit.tracking.fuse import fuse
 from planfit.tracking.motions import MeasuredMotions
+from planfit.tracking.trajectory import fuse
 
 NOISY_RAD, NOISY_M = np.deg2rad(1.0), 0.12
 

@@ -1,13 +1,16 @@
-"""Which ceiling each frame sees: heights at which many points lie, found once loops are closed.
+"""Ceilings: which one each frame sees, and whether two heights are one ceiling under drift."""
 
-Rooms have ceilings of different heights, with beams and ducts below them. A frame's ceiling points are
-held to the height at which most of them lie, where enough of the scan lies there too.
-"""
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
+from planfit.adjust.measurements import Measurements
+from planfit.adjust.options import AdjustOptions
+from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.geometry import se3
+from planfit.lsq.robust import loss_value
 from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 
@@ -16,6 +19,11 @@ TOLERANCE_M = 0.1
 """A frame belongs to a ceiling when the middle of its ceiling points is within this of it."""
 _MIN_SHARE = 0.1
 """Share of the frames with ceiling that a height needs."""
+_MAX_DRIFT_M = 1.0
+"""Ceilings this far apart at most may be one, seen from poses whose height drifted."""
+_MIN_GAIN = 10.0
+"""Cost that is saved where they are one, at least: errors of the frames of one ceiling are not
+independent."""
 
 
 def find_ceilings(
@@ -67,3 +75,72 @@ def _common_heights(middle: np.ndarray) -> list[float]:
         heights.append(float(np.median(middle[within])))
         wide[np.abs(centres - centre) < 2 * TOLERANCE_M] = 0
     return heights
+
+
+def settle_ceilings(
+    measurements: Measurements, plan_from_cams: Float[np.ndarray, "n 4 4"], options: AdjustOptions
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Height (m) of the ceiling that each frame sees, NaN where it is none of the common; and the heights
+    (m) of the cameras to begin with, which differ from those given where two ceilings were found to be one.
+
+    Args:
+        measurements: what the scan says.
+        plan_from_cams: level, loops closed.
+        options: weights and losses.
+    """
+    structure, cameras_m = measurements.structure, plan_from_cams[:, 2, 3]
+    found = find_ceilings(structure, plan_from_cams)
+    heights = np.unique(found[np.isfinite(found)])
+    if options.ceiling.weight <= 0 or len(heights) < 2:
+        return found, cameras_m
+    middles = level_middles(structure.ceiling, plan_from_cams)
+    sees_floor = np.diff(structure.floor.start) > 0
+    cost = _cost(measurements, plan_from_cams, found, options)
+    for low, high in pairwise(heights):
+        if high - low > _MAX_DRIFT_M:
+            continue
+        is_one = (middles > low - TOLERANCE_M) & (middles < high + TOLERANCE_M)
+        # The floor holds the heights of those that see it; where none does, most are right.
+        n_low, n_high = (
+            (np.sum(sees_floor & (found == height)), np.sum(found == height))
+            for height in (low, high)
+        )
+        merged = np.where(is_one, low if n_low > n_high else high, found)
+        poses = _solved(measurements, plan_from_cams, merged, options)
+        again = find_ceilings(structure, poses)
+        cost_again = _cost(measurements, poses, again, options)
+        if cost_again < cost - _MIN_GAIN:
+            found, cost, cameras_m = again, cost_again, poses[:, 2, 3]
+    return found, cameras_m
+
+
+def _solved(
+    measurements: Measurements,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    heights_m: Float[np.ndarray, " n"],
+    options: AdjustOptions,
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses of a solve without the plan, ceilings at given heights."""
+    problem = build_problem(measurements, options, plan_from_cams)
+    problem = replace(problem, ceiling=ceiling_term(measurements, heights_m, options))
+    return problem.solve().target_from_cams[: len(plan_from_cams)]
+
+
+def _cost(
+    measurements: Measurements,
+    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    heights_m: Float[np.ndarray, " n"],
+    options: AdjustOptions,
+) -> float:
+    """Robust cost of all terms solved with ceilings at these heights; a frame whose ceiling is at none costs
+    as much as one at the tolerance, or letting go of ceilings would pay."""
+    poses = _solved(measurements, plan_from_cams, heights_m, options)
+    others = build_problem(measurements, options, poses).costs(poses)
+    model, points = options.model("ceiling"), measurements.structure.ceiling
+    middles = level_middles(points, poses)
+    is_seen = np.isfinite(middles)
+    off_m = np.nan_to_num(np.abs(middles - heights_m)[is_seen], nan=TOLERANCE_M)
+    each, _ = loss_value((np.minimum(off_m, TOLERANCE_M) / model.sigma) ** 2, model.loss)
+    n_points = np.diff(points.start)[is_seen]
+    worth = model.weight * n_points * model.weight_per_point(n_points)
+    return sum(others.values()) + 0.5 * float(each @ worth)

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 
 from planfit.adjust.alternation import Alternation, PlanTask, alternate
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.adjust.ceiling_hypotheses import settle_ceilings
+from planfit.adjust.ceilings import settle_ceilings
 from planfit.adjust.competition import Rival, best_of_starts
 from planfit.adjust.contradicted_walls import Errors, without_contradicted_walls
 from planfit.adjust.measurements import Measurements

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment.candidates import candidate_yaws, scale_range
 from planfit.alignment.control_points import ControlPoint, fit_control_points, parse_start
 from planfit.alignment.evidence import PlanEvidence, evidence_findings, plan_evidence, with_way
 from planfit.alignment.nonrigid import refine_nonrigid
@@ -24,7 +23,7 @@ from planfit.alignment.refine import (
     rotation_2d,
     segment_scores,
 )
-from planfit.alignment.search import Region, search_hypotheses
+from planfit.alignment.search import Region, candidate_yaws, scale_range, search_hypotheses
 from planfit.alignment.selection import (
     PRIOR_TRANSLATION_M,
     PRIOR_YAW_DEG,

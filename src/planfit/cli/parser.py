@@ -2,23 +2,26 @@
 the next step."""
 
 import contextlib
+import dataclasses
 import io
 import re
+import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tyro
 
 from planfit.cli.commands import COMMANDS_BY_NAME, KnownFlag, looks_like_flag, plain_name
-from planfit.cli.config import configured, words_behind
+from planfit.cli.gone_options import refuse_gone
 from planfit.errors import OptionError, did_you_mean
-from planfit.runtime import require_content
+from planfit.runtime import options_of, require_content
 
 _WRITTEN = ("-o", "--out")
 _KINDS = {"FLOAT": "a number", "INT": "a whole number", "PATH": "a path", "STR": "text"}
 """What tyro calls kinds of values, in words."""
+Options = TypeVar("Options")
 
 
 def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
@@ -35,7 +38,7 @@ def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
             option that is unknown or cannot work.
     """
     _check_paths(_Line(prog, argv))
-    default = configured(arguments_type, argv)
+    default = _configured(arguments_type, argv)
     said = io.StringIO()
     try:
         with contextlib.redirect_stderr(said), _refused_by(_Line(prog, argv)):
@@ -96,7 +99,7 @@ class _Line:
         given = [plain_name(word) for word in reversed(self.words)]
         name = next((one for one in given if one in argument.name_or_flags), "values")
         expected, choices = _wanted(argument.metavar)
-        found = words_behind(name, self.words)
+        found = _words_behind(name, self.words)
         if isinstance(argument.nargs, int):
             # Too few of one are none, whatever an earlier mention of the flag took.
             is_missing = argument.nargs == 1 and type(event).__name__ == "BadValue"
@@ -214,3 +217,58 @@ def _one_path(words: Sequence[str]) -> str:
             if len(path) < 1000 and Path(path).exists():
                 return path
     return ""
+
+
+def _configured(arguments_type: Any, argv: Sequence[str]) -> Any:
+    """Arguments whose options are those of --preset and of the file of --config, for flags to overrule; None
+    where neither is given.
+
+    Raises:
+        OptionError: there is no such preset; or the file is missing, or has an option that is unknown or
+            cannot work.
+    """
+    is_plain = dataclasses.is_dataclass(arguments_type)  # else a choice of subcommands
+    fields = dataclasses.fields(arguments_type) if is_plain else ()
+    preset_name, config = (_words_behind(name, argv)[:1] for name in ("--preset", "--config"))
+    if not (preset_name or config) or "config" not in {field.name for field in fields}:
+        return None
+    from planfit.pipeline.options import preset  # commands without presets need no pipeline
+
+    options = preset(preset_name[0] if preset_name else "default")
+    if config:
+        options = read_options(Path(config[0]), options)
+    required = {
+        field.name: tyro.MISSING
+        for field in fields
+        if field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    }
+    return arguments_type(**required, options=options)
+
+
+def _words_behind(flag: str, argv: Sequence[str]) -> list[str]:
+    """The words that a flag takes, of all its mentions: up to the next flag."""
+    found: list[str] = []
+    is_own = False
+    for word in argv:
+        if looks_like_flag(word):
+            is_own = plain_name(word) == flag
+            found += [word.partition("=")[2]] if is_own and "=" in word else []
+        elif is_own:
+            found.append(word)
+    return found
+
+
+def read_options(path: Path, defaults: Options) -> Options:
+    """Options dataclass with the values of a TOML file in place of its defaults.
+
+    Raises:
+        OptionError: the file is missing or not TOML, a name is unknown, or a value of another kind.
+    """
+    try:
+        values = tomllib.loads(path.read_text())
+    except OSError as error:
+        raise OptionError(f"{path}: expected a TOML file of options, {error.strerror}") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise OptionError(f"{path}: expected TOML, found {error}") from error
+    refuse_gone(values, f"{path}: ")
+    return options_of(values, defaults, f"{path}: ")

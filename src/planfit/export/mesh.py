@@ -1,5 +1,6 @@
 """A mesh of what the scan saw: truncated signed distances fused over all frames, by Open3D (planfit[map])."""
 
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -7,12 +8,11 @@ from typing import Any
 
 import numpy as np
 import trimesh
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from trimesh.visual import ColorVisuals
 
 from planfit.errors import OutputError
 from planfit.export.cloud import color_or_grey, near_origin, write_ply
-from planfit.export.mesh_tiles import BLOCK_VOXELS, Tile, cut_tiles
 from planfit.geometry import se3
 from planfit.runtime import Runtime
 from planfit.scan import Scan
@@ -27,6 +27,33 @@ SEAM_DIGITS = 5
 """Of a vertex, m: two sides of a seam agree to single precision."""
 BLOCKS = 2000
 """Room for this many blocks of 16 voxels a side to begin with, 160 MB; it grows where they do not suffice."""
+BLOCK_VOXELS = 16
+"""Voxels a side of a block, as Open3D has them."""
+_MAX_BLOCKS = 16_000
+"""Of a tile: 20 bytes a voxel while frames are fused and 16 more while the surface is extracted make 2.4 GB.
+A whole building site at 2 cm is several times that, at which Open3D ends with a segmentation fault."""
+_STRIDE_PX = 6
+"""Between the pixels looked at: 9 cm at 6 m for a usual lens, where a block at 2 cm has 32."""
+_UNBOUNDED = 1 << 30
+
+
+@dataclass(frozen=True)
+class _Tile:
+    """A box of blocks, and the frames that see into it or beside it."""
+
+    low: Int[np.ndarray, "3"]
+    high: Int[np.ndarray, "3"]
+    """The first block that is beyond, along each axis."""
+    frame_idx: Int[np.ndarray, " f"]
+
+    def touches(self, blocks: Int[np.ndarray, "b 3"]) -> Bool[np.ndarray, " b"]:
+        """Whether blocks are inside, or beside it: surfaces at its border need what lies beyond."""
+        return np.all((blocks >= self.low - 1) & (blocks <= self.high), axis=1)
+
+    def owns(self, points: Float[np.ndarray, "p 3"], block_m: float) -> Bool[np.ndarray, " p"]:
+        """Whether points lie inside; each lies in one tile."""
+        blocks = np.floor(points / block_m)
+        return np.all((blocks >= self.low) & (blocks < self.high), axis=1)
 
 
 def load_open3d() -> ModuleType:
@@ -126,7 +153,7 @@ def _integrate(
     i: int,
     target_from_cam: Float[np.ndarray, "4 4"],
     max_depth_m: float,
-    tile: Tile,
+    tile: _Tile,
 ) -> None:
     """Fuse what frame i sees of a tile into the volume."""
     core, image = open3d.core, open3d.t.geometry.Image
@@ -190,3 +217,85 @@ def write_mesh(path: Path, mesh: trimesh.Trimesh, suffix: str) -> None:
     else:
         data = mesh.export(file_type=kind)
     path.write_bytes(data if isinstance(data, bytes) else str(data).encode())
+
+
+def cut_tiles(
+    scan: Scan,
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    voxel_m: float,
+    max_depth_m: float,
+    truncation_m: float,
+    max_blocks: int = _MAX_BLOCKS,
+) -> list[_Tile]:
+    """Boxes of at most about `max_blocks` seen blocks each, which together fill space: halved where they
+    are most spread out, until they are small enough. None where no frame has depth that is near enough.
+
+    Args:
+        scan: whose depth is read, once.
+        target_from_cams: poses.
+        voxel_m: edge of a voxel.
+        max_depth_m: depth beyond is left out.
+        truncation_m: how far before and behind a surface blocks are made.
+        max_blocks: see above.
+
+    Raises:
+        ScanError: an image cannot be read.
+    """
+    block_m = BLOCK_VOXELS * voxel_m
+    of_frame = [
+        _blocks(scan, i, pose, block_m, max_depth_m, truncation_m)
+        for i, pose in enumerate(target_from_cams)
+    ]
+    if not any(len(blocks) for blocks in of_frame):
+        return []
+    seen = np.unique(np.concatenate(of_frame), axis=0)
+    boxes = _halve(seen, np.full(3, -_UNBOUNDED), np.full(3, _UNBOUNDED), max_blocks)
+    tiles = []
+    for low, high in boxes:
+        whole = _Tile(low, high, np.arange(len(scan)))
+        frames = [i for i, blocks in enumerate(of_frame) if whole.touches(blocks).any()]
+        tiles.append(_Tile(low, high, np.array(frames, dtype=int)))
+    return tiles
+
+
+def _blocks(
+    scan: Scan,
+    i: int,
+    target_from_cam: Float[np.ndarray, "4 4"],
+    block_m: float,
+    max_depth_m: float,
+    truncation_m: float,
+) -> Int[np.ndarray, "b 3"]:
+    """Blocks about the surfaces that a frame sees."""
+    depth = scan.files.depth(i)
+    near = np.where((depth > 0) & (depth < max_depth_m), depth, np.nan)
+    found = []
+    for offset in (-truncation_m, 0.0, truncation_m):
+        points = (
+            scan.cameras[i].lift_image(near + offset)[::_STRIDE_PX, ::_STRIDE_PX].reshape(-1, 3)
+        )
+        points = points[np.isfinite(points).all(axis=1)]
+        blocks = np.floor(se3.transform(target_from_cam, points) / block_m).astype(int)
+        found.append(np.unique(blocks, axis=0))
+    return np.unique(np.concatenate(found), axis=0)
+
+
+def _halve(
+    blocks: Int[np.ndarray, "b 3"],
+    low: Int[np.ndarray, "3"],
+    high: Int[np.ndarray, "3"],
+    max_blocks: int,
+) -> list[tuple[Int[np.ndarray, "3"], Int[np.ndarray, "3"]]]:
+    """Boxes [low, high) of at most so many of these blocks, where blocks can be told apart at all."""
+    spread = np.ptp(blocks, axis=0)
+    axis = int(np.argmax(spread))
+    if len(blocks) <= max_blocks or spread[axis] == 0:
+        return [(low, high)]
+    at = max(int(np.median(blocks[:, axis])), int(blocks[:, axis].min()) + 1)
+    is_below = blocks[:, axis] < at
+    below_high, above_low = high.copy(), low.copy()
+    below_high[axis] = above_low[axis] = at
+    return [
+        *_halve(blocks[is_below], low, below_high, max_blocks),
+        *_halve(blocks[~is_below], above_low, high, max_blocks),
+    ]

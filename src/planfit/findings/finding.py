@@ -1,12 +1,15 @@
 """What a part of the program found out: facts, of which words are made only where somebody reads them."""
 
-from collections.abc import Iterable, Mapping
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, StrEnum, auto
+from functools import partial
+from string import Formatter
 from typing import Any
 
 import numpy as np
-
-from planfit.findings.message import Kind, Severity, filled, frame_ranges
+from jaxtyping import Float
 
 Fact = float | str | bool | tuple[float, ...] | tuple[str, ...] | None
 """A number in the unit that its name ends in, a name, or several of either; None where it is not known."""
@@ -14,6 +17,67 @@ Fact = float | str | bool | tuple[float, ...] | tuple[str, ...] | None
 SCHEMA_VERSION = 1
 """Of the findings in `run.json` and `alignment.json`: raised where what programs read changes its sense; new
 kinds and facts leave it."""
+_Words = str | Callable[..., str] | tuple[str | Callable[..., str], ...]
+"""A template that facts are put into by name, a function that takes facts by name, or several of these one
+after the other."""
+_GIVEN = frozenset(("frames", "which", "are", "first", "last", "runs", "parts"))
+"""What words may ask for besides the facts of their kind: its frames ("3, 40-52"; "frames 3, 40-52"; "are"),
+the ends of the first run of them, all runs, the words of its parts."""
+
+FEW_NAMED = 3
+"""Things of one kind that a sentence names one by one; of more it gives the number."""
+
+
+class Severity(StrEnum):
+    """What a finding means for who uses the result."""
+
+    NOTE = auto()
+    """What was found and dealt with; nothing is left to do."""
+    WARNING = auto()
+    """Something to look at; the result may be right nevertheless."""
+    RESERVATION = auto()
+    """The result is not vouched for where the finding says: its frames, or all."""
+    AGAINST = auto()
+    """The recorded poses are to be preferred."""
+
+
+@dataclass(frozen=True)
+class _Message:
+    """One kind of finding: how grave it is, and its words."""
+
+    severity: Severity
+    what: _Words
+    """A sentence without its full stop."""
+    advice: _Words = ""
+    """The next step; empty where there is none, or where the sentence has it."""
+    joint: str = "; "
+    """Between the two."""
+
+    @property
+    def fact_names(self) -> frozenset[str]:
+        """Facts that the words ask for."""
+        return (_asked(self.what) | _asked(self.advice)) - _GIVEN
+
+
+against = partial(_Message, Severity.AGAINST)
+reservation = partial(_Message, Severity.RESERVATION)
+warning = partial(_Message, Severity.WARNING)
+
+note = partial(_Message, Severity.NOTE)
+
+
+class Kind(Enum):
+    """A kind of finding; its value is its row in the table."""
+
+    @property
+    def message(self) -> _Message:
+        """Its words."""
+        return self.value
+
+    @property
+    def code(self) -> str:
+        """Its name in `run.json`; it stays when words change."""
+        return self.name.lower()
 
 
 @dataclass(frozen=True)
@@ -105,3 +169,42 @@ def _plain(value: Any) -> Any:
         value = value.item()
     # JSON has neither infinities nor NaN.
     return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def filled(words: _Words, facts: Mapping[str, Any]) -> str:
+    """A sentence with its facts."""
+    if isinstance(words, tuple):
+        return "".join(filled(each, facts) for each in words)
+    if isinstance(words, str):
+        return words.format_map(facts)
+    return words(**{name: facts.get(name) for name in _asked(words)})
+
+
+def _asked(words: _Words) -> frozenset[str]:
+    if isinstance(words, tuple):
+        return frozenset().union(*(_asked(each) for each in words))
+    if isinstance(words, str):
+        return frozenset(name for _, name, _, _ in Formatter().parse(words) if name)
+    return frozenset(inspect.signature(words).parameters)
+
+
+def frame_ranges(runs: Sequence[tuple[int, int]], max_runs: int = 5) -> str:
+    """ "3, 40-52 and 60-61": runs of frames by their first and last."""
+    names = [f"{first}" if first == last else f"{first}-{last}" for first, last in runs]
+    if len(names) > max_runs:
+        names = [*names[:max_runs], f"{len(names) - max_runs} more runs"]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def some_ids(ids: Sequence[str]) -> str:
+    """The first few of some points' names."""
+    return ", ".join(ids[:6]) + (f" and {len(ids) - 6} more" if len(ids) > 6 else "")
+
+
+def direction_words(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:
+    """Which way a face is off, by the plan's axes: "towards +x"."""
+    towards = normal * np.sign(offset_m)
+    axis = int(np.argmax(np.abs(towards)))
+    if abs(towards[axis]) < 0.9:
+        return f"towards ({towards[0]:.2f}, {towards[1]:.2f})"
+    return f"towards {'+' if towards[axis] > 0 else '-'}{'xy'[axis]}"

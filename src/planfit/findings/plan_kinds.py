@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planfit.findings.message import Kind, against, note, reservation, warning
+from planfit.findings.finding import Kind, against, note, reservation, warning
 
 MAX_NAMED = 6
 """Points that a warning names."""

@@ -1,6 +1,6 @@
 """Findings of how far recorded poses are believed, and their words."""
 
-from planfit.findings.message import Kind, note, reservation, warning
+from planfit.findings.finding import Kind, note, reservation, warning
 
 
 def _clock(offset_s: float | None, offset_frames: float, rate: float) -> str:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from planfit.findings.message import Kind, against, direction_words, note, reservation, warning
+from planfit.findings.finding import Kind, against, direction_words, note, reservation, warning
 
 MAX_MOVED, MAX_RIVALS = 5, 3
 """Moved walls that a warning names, and that a reservation does."""

@@ -1,6 +1,6 @@
 """Findings of what a scan shows, and of its sensor, and their words."""
 
-from planfit.findings.message import Kind, note, warning
+from planfit.findings.finding import Kind, note, warning
 from planfit.priors import VIEW_DISTANCE_M
 
 FAR_M = VIEW_DISTANCE_M.value

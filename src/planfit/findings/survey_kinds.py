@@ -1,6 +1,6 @@
 """Findings of control and check points, of corrections by hand, and of several scans, and their words."""
 
-from planfit.findings.message import Kind, reservation, some_ids, warning
+from planfit.findings.finding import Kind, reservation, some_ids, warning
 
 
 def _first_part(parts: tuple[str, ...]) -> str:

@@ -6,7 +6,7 @@ from jaxtyping import Int
 from planfit.adjust import PlanAdjustment, TornStep, moved_wall_findings
 from planfit.alignment import MENDED_BY_WALLS, Alignment
 from planfit.findings import Finding, PlanKind, ResultKind, ScanKind
-from planfit.findings.message import FEW_NAMED
+from planfit.findings.finding import FEW_NAMED
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.validation import Check

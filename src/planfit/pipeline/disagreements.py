@@ -16,12 +16,12 @@ from planfit.adjust import Measurements, PlanAdjustment
 from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
 from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.evaluation import median_match_distance
-from planfit.findings.message import FEW_NAMED
+from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, Folds, without_fold
+from planfit.pipeline.links import frames_of_stretch
 from planfit.pipeline.prepare import PreparedScan
-from planfit.pipeline.visits import frames_of_stretch
 
 SUSPECT_FACTOR = 4.0
 """What the rest puts this many times further off than the typical one of its kind is suspect,"""

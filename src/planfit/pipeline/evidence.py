@@ -39,7 +39,7 @@ from planfit.pipeline.folds import (
     choose_folds,
     without_fold,
 )
-from planfit.pipeline.links import Link, judge_links
+from planfit.pipeline.links import Link, Visit, frames_of_stretch, judge_links, judge_visits
 from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.predicted_error import (
     brought_close,
@@ -50,7 +50,6 @@ from planfit.pipeline.predicted_error import (
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
 from planfit.pipeline.strength import DirectionStrength, directions_held
-from planfit.pipeline.visits import Visit, frames_of_stretch, judge_visits
 from planfit.runtime import blas_on_one_thread, give_back_memory, in_threads, short_repr
 
 FOLD_TOLERANCE = 1e-4

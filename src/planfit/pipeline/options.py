@@ -1,16 +1,20 @@
 """Everything that can be chosen about a run."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from planfit.adjust import AdjustOptions
+from planfit.adjust import AdjustOptions, paper_options
 from planfit.adjust.calibration import CalibrationOptions
 from planfit.alignment import AlignOptions
-from planfit.errors import require_positive
-from planfit.matching import MatchingOptions
+from planfit.errors import OptionError, require_positive
+from planfit.matching import MatchingOptions, SurfaceOptions
 from planfit.runtime import Changeable, require_kinds
 from planfit.scan.odometry import OdometryOptions
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking import KeyframeOptions, TrackingOptions
+
+_PAPER_MIN_FRAMES = 30_000
+"""The paper solves for all frames; above so many that takes more memory than a laptop has."""
 
 
 @dataclass(frozen=True)
@@ -45,3 +49,36 @@ class RefineOptions(Changeable):
     def __post_init__(self) -> None:
         require_kinds(self)
         require_positive(self, "tolerance_m")
+
+
+def _paper_preset() -> RefineOptions:
+    """The paper's alignment and adjustment: its cost, its order, its weights; recorded poses are believed.
+
+    Solved by Levenberg-Marquardt, which reaches lower costs of the same function in a small share of
+    the time; `adjust.method = "sgd"` takes the paper's gradient descent.
+    """
+    return RefineOptions(
+        keyframes=KeyframeOptions(min_frames=_PAPER_MIN_FRAMES),
+        tracking=TrackingOptions(is_judged=False),
+        # The paper matches keypoints alone.
+        matching=MatchingOptions(surfaces=SurfaceOptions(use="never")),
+        align=AlignOptions(method="paper"),
+        adjust=paper_options(),
+    )
+
+
+PRESETS: dict[str, Callable[[], RefineOptions]] = {
+    "default": RefineOptions,
+    "paper": _paper_preset,
+}
+
+
+def preset(name: str) -> RefineOptions:
+    """Options of a preset.
+
+    Raises:
+        OptionError: there is none of this name.
+    """
+    if name not in PRESETS:
+        raise OptionError(f"preset: expected {' or '.join(PRESETS)}, found {name!r}")
+    return PRESETS[name]()

@@ -10,10 +10,9 @@ import numpy as np
 
 from planfit.adjust.uncertainty import radius_95
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.links import Link
+from planfit.pipeline.links import Link, Visit
 from planfit.pipeline.strength import DirectionStrength
 from planfit.pipeline.validation import Check
-from planfit.pipeline.visits import Visit
 from planfit.runtime import short_repr
 from planfit.survey import SurveyResiduals
 

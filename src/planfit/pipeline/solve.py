@@ -1,14 +1,20 @@
 """Sensor and poses in turns: a scan aligned with its plan and adjusted to it, which tells of its sensor."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Float
 
-from planfit.adjust import PlanAdjustment, adjust_to_plan, settle_walls
+from planfit.adjust import PlanAdjustment, adjust_to_plan, fit_thickness, settle_walls
 from planfit.adjust.calibration import SHARED
+from planfit.adjust.scale import about_middle
+from planfit.alignment import is_off, may_be_rescaled
+from planfit.alignment.plan_scale import OFF_SHARE
 from planfit.floorplan import Floorplan
+from planfit.lsq import Term
+from planfit.pipeline.align import UNKNOWN_SCALE_SIGMA
 from planfit.pipeline.calibrate import (
     CalibratedScan,
     calibrate_alone,
@@ -16,12 +22,12 @@ from planfit.pipeline.calibrate import (
     with_doubt_of_scale,
 )
 from planfit.pipeline.contradicted import with_places
-from planfit.pipeline.fitted_thickness import with_fitted_thickness
 from planfit.pipeline.folds import N_FOLDS, cut_into_stretches
 from planfit.pipeline.given import Given
 from planfit.pipeline.jumps import align_with_jumps
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import STANDS_ALONE, ScanOnPlan
+from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import against_walls
 from planfit.pipeline.predicted_error import error_model
 from planfit.pipeline.prepare import PreparedScan
@@ -94,7 +100,7 @@ def _adjusted(
         measured, plan = prepared.measurements, on_plan.floorplan
         adjustment = adjust_to_plan(measured, plan, start, options.adjust, terms)
         if plan is not None and plan.before_line is not None:
-            on_plan, poses = with_fitted_thickness(
+            on_plan, poses = _with_fitted_thickness(
                 on_plan,
                 prepared,
                 adjustment,
@@ -149,3 +155,61 @@ def _aligned(
     calibrated, on_plan = align_with_jumps(scan, calibrated, plan, options, timer)
     with timer.stage("align"):
         return calibrated, against_walls(on_plan, calibrated.prepared, plan, options)
+
+
+def _with_fitted_thickness(
+    on_plan: ScanOnPlan,
+    prepared: PreparedScan,
+    adjustment: PlanAdjustment,
+    options: RefineOptions,
+    odometry_scale_sigma: float,
+    depth_scale_sigma: float,
+    extra_terms: Sequence[Term] = (),
+) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
+    """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
+
+    Args:
+        on_plan: with one thickness for all walls.
+        prepared: the scan.
+        adjustment: to that plan.
+        options: of the adjustment.
+        odometry_scale_sigma: how far recorded steps may be off, as a share.
+        depth_scale_sigma: how far depth may be off, as a share; a plan's scale is off with it.
+        extra_terms: of the adjustment.
+    """
+    plan, found = on_plan.floorplan, on_plan.alignment
+    assert plan is not None
+    poses = adjustment.solution.target_from_cams
+    fit = partial(
+        fit_thickness,
+        prepared.measurements,
+        options=options.adjust,
+        odometry_scale_sigma=odometry_scale_sigma,
+        extra_terms=extra_terms,
+    )
+    is_found = found is not None and found.scale_sigma > 0  # the scale was searched, or found off
+    # A plan in metres may be off as well: walls of one thickness did not show it.
+    is_as_drawn = found is not None and found.scale_xy == (1.0, 1.0)
+    is_free = is_found or (is_as_drawn and may_be_rescaled(options.align))
+    fitted = fit(plan, poses, plan_scale_sigma=UNKNOWN_SCALE_SIGMA if is_free else 0.0)
+    if found is None or fitted.scale_sigma == 0:
+        return replace(on_plan, floorplan=fitted.floorplan), fitted.plan_from_cams
+    middle = poses[:, :2, 3].mean(axis=0)
+    sigma = float(np.hypot(fitted.scale_sigma, depth_scale_sigma))
+    rescaled = found.rescaled(fitted.scale_factor, sigma, middle)
+    off = abs(np.log(rescaled.metres_per_unit))
+    if (is_as_drawn and not is_off(rescaled)) or (found.is_plan_rescaled and off <= OFF_SHARE):
+        drawn = 1.0 / found.metres_per_unit
+        fitted = fit(plan.scaled(drawn), about_middle(poses, drawn))
+        rescaled = replace(
+            found.rescaled(drawn, 0.0, middle), scale_xy=(1.0, 1.0), is_plan_rescaled=False
+        )
+    elif is_as_drawn:
+        rescaled = replace(rescaled, is_plan_rescaled=True)
+    on_plan = replace(
+        on_plan,
+        alignment=rescaled,
+        plan_from_level=rescaled.plan_from_level,
+        floorplan=fitted.floorplan,
+    )
+    return on_plan, fitted.plan_from_cams

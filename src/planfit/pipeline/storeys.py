@@ -1,4 +1,4 @@
-"""Several storeys in one walk, each with a plan of its own.
+"""Several storeys in one walk, each with a plan of its own, chosen among those given.
 
 Each storey that was walked is aligned alone with its plan. Then all faces are brought into the frame of the
 lowest one, each with its storey, so that what follows sees one plan (docs/adr/0011-several-storeys.md).
@@ -6,6 +6,7 @@ lowest one, each with its storey, so that what follows sees one plan (docs/adr/0
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations, permutations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -18,8 +19,10 @@ from planfit.alignment import (
     WallSamples,
     judge_adjusted,
 )
+from planfit.alignment import align as search_alignment
+from planfit.alignment.plan_scale import CLEAR_GAIN
 from planfit.alignment.selection import AS_RECORDED_SHARE, SameWithin, is_same
-from planfit.errors import ScanError, require
+from planfit.errors import FloorplanError, ScanError, require
 from planfit.floorplan import Floorplan
 from planfit.floorplan.storeys import join_storeys
 from planfit.geometry import se3
@@ -27,7 +30,6 @@ from planfit.pipeline.align import align_to_plan, wall_samples
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan, Storey, StoreyOnPlan, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.plan_choice import choose_plans
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storey_heights import (
     refit_floors,
@@ -41,6 +43,19 @@ from planfit.segmentation import Structure, number_storeys
 SHARED_M, SHARED_DEG = 1.0, 3.0
 """Plans in metres whose alignments agree so nearly share their axes: drift on the stairs between is less, and
 the origins of drawings that were made apart are metres apart."""
+_MIN_FIT = 0.4
+"""Share of a storey's wall that any plan of the same building may explain: what stands over each other. A
+storey is better left without a plan than given one that explains less."""
+_AS_NUMBERED = 0.02
+"""What a plan gains where its number is that of the storey counted from the lowest one walked: storeys that
+are alike fit alike."""
+_SWAPPED_BY = CLEAR_GAIN
+"""By so much more of the wall (mean over storeys) plans fit in another order where they were swapped."""
+_MAX_PAIRS = 6
+"""Of storeys with plans in any order that are tried: orders grow as the factorial."""
+
+_Pairs = tuple[tuple[int, int], ...]
+"""Storeys and plans, by index."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +105,7 @@ def place_on_storeys(
     walls = [_wall_samples(_only(prepared, of_keys == k)) for k in range(len(floors_m))]
     _require_walls(scan.name, walls)
     with timer.stage("align"):
-        numbers = choose_plans(walls, plans, options.align)
+        numbers = _choose_plans(walls, plans, options.align)
     lowest = min(numbers)
     heights_m = floors_m - floors_m[lowest]
     prepared = _lowered(prepared, float(floors_m[lowest]))
@@ -289,4 +304,77 @@ def _require_possible(plans: Mapping[int, Floorplan], options: RefineOptions) ->
     require(
         options.adjust.wall_strategy == "fixed",
         f"adjust.wall-strategy: expected fixed with plans by storey, found {options.adjust.wall_strategy}",
+    )
+
+
+def _choose_plans(
+    walls: Sequence[WallSamples], plans: Mapping[int, Floorplan], options: AlignOptions
+) -> dict[int, int]:
+    """Number of the plan of each storey that has one, by the storey's index from the lowest.
+
+    Args:
+        walls: of each storey that was walked, from the lowest, level frame; one of them at least shows some.
+        plans: by number.
+        options: of the alignment.
+
+    Raises:
+        FloorplanError: plans fit clearly better in another order than that of their numbers.
+    """
+    numbers = sorted(plans)
+    seen = np.array([k for k, each in enumerate(walls) if len(each.xy) > 1])
+    fits = np.array(
+        [[search_alignment(walls[k], plans[i], options).score for i in numbers] for k in seen]
+    )
+    as_numbered = seen[:, None] == np.array(numbers) - numbers[0]
+    worth = fits - _MIN_FIT + _AS_NUMBERED * as_numbered
+    chosen = _best(worth, in_order=True)
+    best = _best(worth, in_order=False)
+    gain = (_worth(worth, best) - _worth(worth, chosen)) / max(len(best), 1)
+    if gain > _SWAPPED_BY:
+        raise FloorplanError(_swapped_words(fits, numbers, best, plans))
+    return {int(seen[k]): numbers[plan] for k, plan in chosen}
+
+
+def _best(worth: Float[np.ndarray, "k p"], in_order: bool) -> _Pairs:
+    """The pairs that are worth most; with none worth anything, as many as there can be."""
+    n_storeys, n_plans = worth.shape
+    found: list[_Pairs] = []
+    most = min(n_storeys, n_plans)
+    for size in range(1, most + 1):
+        for storeys in combinations(range(n_storeys), size):
+            some = combinations(range(n_plans), size)
+            if not in_order and size <= _MAX_PAIRS:
+                some = permutations(range(n_plans), size)
+            found += [tuple(zip(storeys, plans, strict=True)) for plans in some]
+    best = max(found, key=lambda pairs: _worth(worth, pairs))
+    if _worth(worth, best) > 0:
+        return best
+    return max((each for each in found if len(each) == most), key=lambda p: _worth(worth, p))
+
+
+def _worth(worth: Float[np.ndarray, "k p"], pairs: _Pairs) -> float:
+    return float(sum(worth[pair] for pair in pairs))
+
+
+def _swapped_words(
+    fits: Float[np.ndarray, "k p"],
+    numbers: Sequence[int],
+    best: _Pairs,
+    plans: Mapping[int, Floorplan],
+) -> str:
+    """What was found, and which numbers to give."""
+    upwards = sorted(best)
+    in_order = sorted(plan for _, plan in best)
+    found = ", ".join(
+        f"{plans[numbers[plan]].name} explains {fits[k, plan]:.0%} of the wall of storey {k + 1} from below "
+        f"({plans[numbers[expected]].name} {fits[k, expected]:.0%})"
+        for (k, plan), expected in zip(upwards, in_order, strict=True)
+    )
+    again = " ".join(
+        f"--plan {numbers[expected]}={plans[numbers[plan]].name}"
+        for (_, plan), expected in zip(upwards, in_order, strict=True)
+    )
+    return (
+        f"plans by storey: expected the lower storey's plan to have the lower number, found that {found}; "
+        f"give {again}"
     )

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from planfit.errors import ScanError
-from planfit.findings.message import FEW_NAMED
+from planfit.findings.finding import FEW_NAMED
 from planfit.scan.layout import FolderLayout, WholeFile
 from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import has_part

@@ -16,8 +16,7 @@ from jaxtyping import Float, Integer, UInt8
 
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.scan import Scan
-from planfit.segmentation.onnx_model import OnnxModel
-from planfit.segmentation.transformers_model import TransformersModel
+from planfit.segmentation.learned_models import OnnxModel, TransformersModel
 
 _KEPT_BATCHES = 4
 """Batches of label images in memory at a time: threads work on chunks of frames side by side."""

@@ -9,10 +9,9 @@ from jaxtyping import Float, Int
 from planfit.errors import OptionError
 from planfit.geometry import segments
 from planfit.priors import DOOR_LEAF_THICKNESS_M
-from planfit.synth.box import Box
 from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.layout import BuildingLayout
-from planfit.synth.materials import FABRIC_COLORS, WHITE, WOOD_COLORS, Material
+from planfit.synth.materials import FABRIC_COLORS, WHITE, WOOD_COLORS, Box, Material
 
 NEAREST_M, FURTHEST_M = 5.0, 20.0
 """Two posters are further apart than the first, and each is nearer than the second to another."""

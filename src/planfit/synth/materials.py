@@ -1,5 +1,6 @@
-"""Names of the procedural textures, and the colours they come in."""
+"""Names of the procedural textures, the colours they come in, and boxes made of them."""
 
+from dataclasses import dataclass
 from enum import IntEnum
 
 
@@ -26,6 +27,19 @@ class Material(IntEnum):
 
 Color = tuple[float, float, float]
 """Linear red, green, blue from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in the frame of its piece: x along the wall, y into the room, z up, m."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    material: Material
+    color: Color
+    front: Material | None = None
+    """Material of the side towards the room, where it differs."""
+
 
 WALL_COLORS: tuple[Color, ...] = (
     (0.72, 0.70, 0.65),

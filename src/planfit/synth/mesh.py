@@ -8,12 +8,10 @@ from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.box import Box
 from planfit.synth.building import Building, copied_rooms
-from planfit.synth.furniture import Piece
-from planfit.synth.hangings import add_hangings
+from planfit.synth.furniture import Piece, add_hangings
 from planfit.synth.lookalikes import Poster, turn_to
-from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Material
+from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Box, Material
 from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
 from planfit.synth.rect import Rect

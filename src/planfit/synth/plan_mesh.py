@@ -7,9 +7,8 @@ from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.box import Box
-from planfit.synth.hangings import add_hangings
-from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, Color, Material
+from planfit.synth.furniture import add_hangings
+from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, Box, Color, Material
 from planfit.synth.mesh import LAMP_SPACING_M, add_piece, add_posters
 from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.plan_space import look_up

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int, Integer, UInt8
 
 from planfit.scan.types import Label
-from planfit.synth.box import Box
-from planfit.synth.materials import CARDBOARD, Color, Material
+from planfit.synth.materials import CARDBOARD, Box, Color, Material
 
 X, Y, Z = np.eye(3)
 

@@ -21,7 +21,6 @@ from planfit.tracking.conventions import (
     best_convention,
     turned_axes,
 )
-from planfit.tracking.fuse import fuse, with_steps_of
 from planfit.tracking.lost import Filled, fill_lost, void_steps
 from planfit.tracking.lost_runs import (
     LostRun,
@@ -39,8 +38,10 @@ from planfit.tracking.trajectory import (
     LONG_INTERVAL,
     FrameTimes,
     frame_times,
+    fuse,
     interpolate_trajectory,
     interpolation_sigmas,
+    with_steps_of,
 )
 from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of, without_leaps
 

@@ -19,9 +19,9 @@ from planfit.lsq.problem import Problem
 from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
 from planfit.tracking.breaks import is_far, isotropic
-from planfit.tracking.fuse import measured_term
 from planfit.tracking.lost_runs import LostRun
 from planfit.tracking.motions import MAX_SIGMAS, MeasuredMotions
+from planfit.tracking.trajectory import measured_term
 from planfit.tracking.types import TrackingBreak, size_of
 
 REACH = 8

@@ -16,7 +16,7 @@ from planfit.adjust.calibration import (
     corrected_measurements,
     estimate,
 )
-from planfit.adjust.calibration.long_steps import MIN_BASELINE_M, with_long_steps
+from planfit.adjust.calibration.reduced import MIN_BASELINE_M, with_long_steps
 from planfit.errors import OptionError
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.priors import Prior

@@ -5,7 +5,7 @@ from typing import Any
 
 from ezdxf.document import Drawing as Document
 
-from planfit.findings.message import FEW_NAMED
+from planfit.findings.finding import FEW_NAMED
 
 _BODIES = {"MESH", "3DSOLID", "BODY", "REGION", "SURFACE", "EXTRUDEDSURFACE", "LOFTEDSURFACE"}
 _FLAT = 1e-6

@@ -15,8 +15,12 @@ from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of, plans_in
-from planfit.floorplan.formats.geojson_storeys import Properties, told_storeys
-from planfit.floorplan.formats.imdf_levels import chosen_level, level_names
+from planfit.floorplan.formats.geojson_storeys import (
+    Properties,
+    chosen_level,
+    level_names,
+    told_storeys,
+)
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.units import choose_unit

@@ -6,14 +6,17 @@ rooms of one storey share no ground. So the property of which no value holds two
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Int
 from shapely.geometry.base import BaseGeometry
 
+from planfit.errors import FloorplanError
 from planfit.floorplan.near_lines import at_most, in_blocks
 from planfit.floorplan.vector.layer_names import words_of
+from planfit.runtime import whole_number
 
 Properties = Mapping[str, str | float]
 """Of one feature: those that are texts or numbers."""
@@ -149,3 +152,70 @@ def _by_order_of_file(
         "order of the file; check the overlay (-o FILE.png)"
     )
     return ToldStoreys(tuple(told), tuple(str(k) for k in range(storey + 1)), (warning,))
+
+
+def level_names(collections: Sequence[tuple[str, Any]], used: Sequence[str]) -> dict[str, str]:
+    """Names of levels by what features call them, from the lowest on; those without a name by that itself.
+
+    Two of one name, as the ground floors of two buildings, are told apart by a number.
+
+    Args:
+        collections: pairs of (name of the part, parsed JSON).
+        used: levels that features are on, from the lowest on as far as is known.
+    """
+    found: dict[str, tuple[float, str]] = {}
+    for kind, data in collections:
+        features = data.get("features") if isinstance(data, dict) else None
+        for feature in features if isinstance(features, list) else []:
+            if not isinstance(feature, dict):
+                continue
+            if "level" not in (kind, feature.get("feature_type")) or not feature.get("id"):
+                continue
+            properties = feature.get("properties")
+            properties = properties if isinstance(properties, dict) else {}
+            ordinal = properties.get("ordinal")
+            order = float(ordinal) if isinstance(ordinal, int | float) else 0.0
+            found[str(feature["id"])] = (order, _words(properties))
+    names: dict[str, str] = {}
+    listed = sorted(found, key=lambda level: (found[level][0], level))
+    for level in [*listed, *(level for level in used if level not in found)]:
+        name = found[level][1] if level in found else ""
+        name = name or level
+        n_alike = sum(n == name or n.startswith(f"{name} (") for n in names.values())
+        names[level] = f"{name} ({n_alike + 1})" if n_alike else name
+    return names
+
+
+def _words(properties: dict[str, Any]) -> str:
+    """The name, in English where the file has it in several languages."""
+    for key in ("name", "short_name"):
+        value = properties.get(key)
+        if isinstance(value, dict):
+            value = value.get("en") or next(iter(value.values()), "")
+        if isinstance(value, str) and value.strip():
+            return value.strip()
+    return ""
+
+
+def chosen_level(path: object, wanted: str, names: dict[str, str], used: Sequence[str]) -> str:
+    """The level that is asked for by name, number from 0 or what features call it; where none is, the lowest
+    with features.
+
+    Raises:
+        FloorplanError: there is no such level.
+    """
+    if not wanted:
+        return next((level for level in names if level in used), "")
+    levels = list(names)
+    if wanted in levels:
+        return wanted
+    for level, name in names.items():
+        if name.casefold() == wanted.casefold():
+            return level
+    number = whole_number(wanted)
+    if number is not None and number < len(levels):
+        return levels[number]
+    raise FloorplanError(
+        f"{path}: expected a storey {wanted!r}, found {', '.join(names.values()) or 'none'}; "
+        "pass one of them"
+    )

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from PIL import Image
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.transform import transformed
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.vector.drawing import ABSURD
@@ -152,7 +151,7 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
     metres_from_map = np.diag([*metres, 1.0]) @ np.array(
         [[1, 0, -origin[0]], [0, 1, -origin[1]], [0, 0, 1]]
     )
-    placed = transformed(floorplan, metres_from_map @ map_from_plan)
+    placed = _transformed(floorplan, metres_from_map @ map_from_plan)
     where = (
         f"; the plan frame is the map's less ({origin[0]:.10g}, {origin[1]:.10g})" if is_far else ""
     )
@@ -184,3 +183,32 @@ def _metres_per_unit(
     w = np.sqrt(1 - _GEODETIC_E2 * np.sin(phi) ** 2)
     radii = np.array([np.cos(phi) / w, (1 - _GEODETIC_E2) / w**3]) * _GEODETIC_A
     return np.deg2rad(radii)
+
+
+def _transformed(floorplan: Floorplan, metres_from_plan: Float[np.ndarray, "3 3"]) -> Floorplan:
+    """The same plan in metres and other axes.
+
+    Args:
+        floorplan: in a unit of its own.
+        metres_from_plan: affine, with an inverse; it may mirror.
+    """
+    linear, translation = metres_from_plan[:2, :2], metres_from_plan[:2, 2]
+    # A line keeps its normal under the inverse transpose; what is left of its length is how far apart
+    # parallel lines come to lie.
+    across = floorplan.normals @ np.linalg.inv(linear)
+    shrink = np.linalg.norm(across, axis=1)
+    source = floorplan.source
+    if source.file_from_plan is not None:
+        source = replace(
+            source, file_from_plan=source.file_from_plan @ np.linalg.inv(metres_from_plan)
+        )
+    openings = floorplan.openings
+    return replace(
+        floorplan,
+        ends=floorplan.ends @ linear.T + translation,
+        normals=across / shrink[:, None],
+        thickness=None if floorplan.thickness is None else floorplan.thickness / shrink,
+        openings=None if openings is None else openings @ linear.T + translation,
+        is_metric=True,
+        source=source,
+    )

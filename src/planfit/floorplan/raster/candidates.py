@@ -7,8 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from planfit.floorplan.raster.cells import find_wall_cells
-from planfit.floorplan.raster.hatching import fill_hatching
+from planfit.floorplan.raster.cells import fill_hatching, find_wall_cells
 from planfit.floorplan.raster.line_work import LineWork, closed, find_line_work, opened
 from planfit.floorplan.raster.strips import between_lines
 

@@ -19,8 +19,7 @@ from planfit.floorplan.plans_on_sheet import (
 )
 from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
 from planfit.floorplan.raster.choice import choose, with_paler_walls
-from planfit.floorplan.raster.doubts import find_doubts
-from planfit.floorplan.raster.escape_signs import SIGN_WORDS, without_signs
+from planfit.floorplan.raster.doubts import find_doubts, surroundings_words
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import (
     STRAIGHT,
@@ -29,7 +28,6 @@ from planfit.floorplan.raster.interpretation import (
     straight_length,
 )
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.raster.photographs import photograph_words
 from planfit.floorplan.raster.picture import (
     Upright,
     check_size,
@@ -39,8 +37,13 @@ from planfit.floorplan.raster.picture import (
     make_upright,
     moved_from,
 )
-from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
-from planfit.floorplan.raster.surroundings import surroundings_words
+from planfit.floorplan.raster.sheet_marks import (
+    SIGN_WORDS,
+    photograph_words,
+    without_bars,
+    without_frame,
+    without_signs,
+)
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
 from planfit.floorplan.raster.words import count_words

@@ -1,8 +1,8 @@
-"""What is printed on a sheet around its plan and is no wall: a frame, bars of titles."""
+"""What a sheet shows around its plan, or instead of one: a frame, bars of titles, signs, a photograph."""
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.floorplan.raster.picture import DARK
 
@@ -21,6 +21,29 @@ _LETTERS = 5
 """White on a bar. A long wall may have as many panes of windows, which are longer than letters are."""
 _LETTER = (0.1, 0.95)
 """Height of a letter in a bar's; it is up to three times as long."""
+SIGN_WORDS = (
+    "safety colours were left out, as of signs, ways and panels of an escape plan: walls under them may "
+    "be missing"
+)
+_COLOURFUL = 80
+"""Of 255, what the brightest channel is above the darkest in safety colours (ISO 3864-4), also where they are
+printed pale; greys and walls tinted a little have less."""
+_LEAST_GREEN, _LEAST_RED = 0.1, 0.02
+"""Of what is not paper: signs and ways in green, signs of extinguishers in red. Escape plans have both."""
+_PAPER = 0.4
+"""Of a picture, what is white at least: a photograph is not."""
+_EDGE_PX = 5
+"""Between a colour and what is beside it, pixels are of both, more in JPEG."""
+_SIDE_PX, _TILE_PX = 900, 12
+_SHEET, _SHEET_TONES = 0.6, 10
+"""Of the tiles of a picture, those of one tone, within so much of 255: paper has 0.74 and more, plans of
+rooms in colours 0.49 and more, 17 photographs of rooms 0.18 to 0.55."""
+_TONES = 100
+"""Tones that a hundredth of the tiles have each: 148 and more of these photographs, 118 at most of
+drawings."""
+_NOISE = 0.5
+"""Deviation within the tiles of a picture, of 255, at the quietest quarter: 0 of drawings, 0.7 and more of
+photographs and scans."""
 
 
 def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
@@ -133,3 +156,57 @@ def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
     sides = (mask[:band].any(axis=0), mask[-band:].any(axis=0),
              mask[:, :band].any(axis=1), mask[:, -band:].any(axis=1))  # fmt: skip
     return all(side.mean() > 0.9 for side in sides)
+
+
+def without_signs(
+    image_bgr: UInt8[np.ndarray, "h w 3"],
+) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
+    """The picture with what is in safety colours as white paper, where it has those of an escape plan; and
+    whether it has."""
+    colour = _colourful(image_bgr)
+    strongest = image_bgr.argmax(axis=2)
+    green, red = (float((colour & (strongest == channel)).mean()) for channel in (1, 2))
+    paper = float((image_bgr.min(axis=2) > 255 - _COLOURFUL // 2).mean())
+    ink = 1.0 - paper
+    if green < _LEAST_GREEN * ink or red < _LEAST_RED * ink or paper < _PAPER:
+        return image_bgr, False
+    kernel = np.ones((_EDGE_PX, _EDGE_PX), np.uint8)
+    cleared = image_bgr.copy()
+    cleared[cv2.dilate(colour.astype(np.uint8), kernel) > 0] = 255
+    return cleared, True
+
+
+def _colourful(image_bgr: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
+    return image_bgr.max(axis=2) - image_bgr.min(axis=2) > _COLOURFUL
+
+
+def is_photograph(image_bgr: UInt8[np.ndarray, "h w 3"]) -> bool:
+    """Whether a picture has no sheet of one tone, many others, and noise everywhere."""
+    grey = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2GRAY)
+    shrink = _SIDE_PX / max(grey.shape)
+    if shrink < 1.0:
+        size = (max(round(grey.shape[1] * shrink), 1), max(round(grey.shape[0] * shrink), 1))
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+    rows, columns = (side // _TILE_PX for side in grey.shape)
+    if rows == 0 or columns == 0:
+        return False
+    tiles = grey[: rows * _TILE_PX, : columns * _TILE_PX].astype(np.float32)
+    tiles = tiles.reshape(rows, _TILE_PX, columns, _TILE_PX).swapaxes(1, 2)
+    tiles = tiles.reshape(rows * columns, -1)
+    tone = np.median(tiles, axis=1)
+    noise = 1.4826 * np.median(np.abs(tiles - tone[:, None]), axis=1)
+    counts = np.bincount(tone.astype(int), minlength=256)
+    around = np.convolve(counts, np.ones(2 * _SHEET_TONES + 1), "same") / len(tone)
+    has_sheet = float(around.max()) > _SHEET
+    n_tones = int((around > 0.01).sum())
+    return not has_sheet and n_tones > _TONES and float(np.percentile(noise, 25)) > _NOISE
+
+
+def photograph_words(image_bgr: UInt8[np.ndarray, "h w 3"]) -> str:
+    """A doubt where a picture is a photograph, else empty."""
+    if not is_photograph(image_bgr):
+        return ""
+    return (
+        "the picture looks like a photograph: of a facade or a room it is no floorplan; of a sheet, crop it "
+        "to that, and compare the overlay (-o FILE.png) with the drawing"
+    )

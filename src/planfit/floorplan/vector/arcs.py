@@ -1,11 +1,13 @@
-"""Circles through points, and paths that follow one: files hold many arcs as polylines."""
+"""Circles through points, and paths and walls that follow one: files hold many arcs as polylines."""
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
+from planfit.floorplan.vector.double_lines import LineFaces
 from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
 
 ROUND = 0.03
@@ -14,6 +16,13 @@ MIN_SEGMENTS = 4
 _MIN_TURN, _MAX_BEND = np.deg2rad(40.0), np.deg2rad(50.0)
 _LONG = 0.8
 """Segments of an arc are shorter than its radius by this factor: a bay of three walls is none."""
+_APART = (0.25, 5.0)
+"""How far apart the two lines are, in thicknesses of the straight walls: outer walls are up to five times as
+thick as partitions."""
+_LEAST_RADIUS = 6.0
+"""In these thicknesses too: round tables with an edge are smaller."""
+_SAME_CENTRE = 0.25
+"""Of that distance, how far the two centres may be from each other."""
 
 
 @dataclass(frozen=True)
@@ -69,3 +78,60 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
         if circle is not None and length[start:stop].max() < _LONG * circle.radius:
             found[start:stop] = True
     return found
+
+
+def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+    """Faces of round walls, and which lines they are.
+
+    Args:
+        lines: of the drawing, in the order of the file.
+        usual_thickness: of its straight walls.
+    """
+    at, run = curve_runs(lines)
+    own, circles = _arcs(lines.ends[at], run, _LEAST_RADIUS * usual_thickness)
+    arcs, centres, radii = at[own], circles[:, :2], circles[:, 2]
+    found = np.zeros(len(lines), dtype=bool)
+    ends = lines.ends[arcs]
+    middles = ends.mean(axis=1)
+    gap = np.full(len(arcs), np.nan)
+    for row in np.unique(circles, axis=0):
+        apart = radii - row[2]
+        distance = np.abs(apart)
+        is_pair = (distance > _APART[0] * usual_thickness) & (
+            distance < _APART[1] * usual_thickness
+        )
+        is_pair &= np.linalg.norm(centres - row[:2], axis=1) < _SAME_CENTRE * distance
+        other = np.flatnonzero((circles == row).all(axis=1))
+        for k in np.flatnonzero(is_pair):
+            reach = np.linalg.norm(middles[other] - middles[k], axis=1)
+            beside = reach < distance[k] + 0.5 * segments.lengths(ends[other]) + 0.1 * distance[k]
+            if beside.any() and not abs(gap[k]) < distance[k]:
+                gap[k] = apart[k]
+    is_face = np.isfinite(gap)
+    found[arcs[is_face]] = True
+    outwards = middles[is_face] - centres[is_face]
+    normals = segments.left_normals(ends[is_face])
+    # The outer one of the two looks away from the centre.
+    side = np.sign(np.einsum("ni,ni->n", normals, outwards)) * np.sign(gap[is_face])
+    n = int(is_face.sum())
+    faces = LineFaces(
+        ends[is_face],
+        normals * side[:, None],
+        np.ones(n, bool),
+        np.abs(gap[is_face]),
+        np.full(n, -1),
+    )
+    return faces, found
+
+
+def _arcs(
+    ends: Float[np.ndarray, "c 2 2"], run: Int[np.ndarray, " c"], least_radius: float
+) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
+    """Segments of runs that follow one circle larger than that; its centre and radius."""
+    own, circles = [np.zeros(0, dtype=int)], [np.zeros((0, 3))]
+    for part in np.split(np.arange(len(run)), np.flatnonzero(np.diff(run)) + 1):
+        circle = fit_circle(ends[part].reshape(-1, 2)) if len(part) > 2 else None
+        if circle is not None and circle.radius > least_radius:
+            own.append(part)
+            circles.append(np.tile([*circle.centre, circle.radius], (len(part), 1)))
+    return np.concatenate(own), np.concatenate(circles)

@@ -3,13 +3,16 @@
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
+import scipy.spatial
 import shapely
-from jaxtyping import Int
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.column_rings import find_column_rings
+from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.single_lines import MIN_ENDING
 from planfit.geometry import segments
 
 MIN_SHARE = 0.6
@@ -17,6 +20,17 @@ MIN_SHARE = 0.6
 outline may be a shaft, and the room in it."""
 _COLUMN = 1.5
 """What is no longer than so many times the thickest wall is a column, which may be round."""
+_LEAST = 0.24
+"""Of the largest column, 0.22 m of 0.93: smaller ones are mullions and posts of railings."""
+_SLIM = 2.0
+_FILLED, _ROUND = 0.93, 0.03
+"""A column fills its box, up to chamfers, or is a circle up to this share; pans and basins are neither."""
+_ALIKE, _MANY = 0.1, 3
+"""Elsewhere than among walls, columns are at least so many of one size, up to this share of it."""
+_AROUND = 0.5
+"""Of the length of all lines, what the outer outline holds at least: the outline is that of the building."""
+_MEETS = 1e-3
+"""Of the drawing's size: lines that end so near to an outline end at it."""
 
 
 @dataclass(frozen=True)
@@ -86,3 +100,123 @@ def _closed_areas(lines: Lines) -> np.ndarray:
         if area.is_valid and area.area > 0:
             found.append(area)
     return np.array(found, dtype=object)
+
+
+def find_column_rings(
+    ends: Float[np.ndarray, "n 2 2"], most: float, is_wall_layer: bool = True
+) -> Shaped[np.ndarray, " k"]:
+    """Outlines of columns, as polygons, among the lines of a layer, curves included.
+
+    Columns are compact, rectangles or circles, and nothing of the layer is in them, as in shafts, frames and
+    furniture.
+
+    Args:
+        ends: of the layer's lines.
+        most: largest side of a column.
+        is_wall_layer: whether the layer is called wall; elsewhere columns are asked to be several alike.
+    """
+    areas = _rings(ends, _LEAST * most, most)
+    if len(areas) == 0:
+        return areas
+    found = areas[_have_form(areas)]
+    if len(found) == 0:
+        return found
+    strings = line_strings(ends)
+    inner = shapely.buffer(found, -0.01 * most)
+    column, _ = shapely.STRtree(strings).query(inner, predicate="intersects")
+    found = found[~np.isin(np.arange(len(found)), column)]
+    if is_wall_layer or len(found) == 0:
+        return found
+    size = np.sqrt(shapely.area(found))
+    alike = np.abs(size[:, None] / size[None] - 1) < _ALIKE
+    return found[alike.sum(axis=1) >= _MANY]
+
+
+def _have_form(areas: Shaped[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Which areas are compact rectangles or circles."""
+    boxes = np.array([shapely.oriented_envelope(area) for area in areas], dtype=object)
+    corners = np.stack([shapely.get_coordinates(box)[:3] for box in boxes])
+    sides = np.sort(np.linalg.norm(np.diff(corners, axis=1), axis=2), axis=1)
+    area = shapely.area(areas)
+    is_rectangle = area > _FILLED * shapely.area(boxes)
+    perimeter = shapely.length(areas)
+    is_circle = np.abs(4 * np.pi * area / perimeter**2 - 1) < _ROUND
+    return (sides[:, 1] < _SLIM * sides[:, 0]) & (is_rectangle | is_circle)
+
+
+def _rings(ends: Float[np.ndarray, "n 2 2"], least: float, most: float) -> Shaped[np.ndarray, " k"]:
+    """Areas within segments that close, end to end, and that no other touches; the sides of their boxes from
+    `least` to `most`."""
+    n = len(ends)
+    tips = ends.reshape(-1, 2)
+    pairs = scipy.spatial.cKDTree(tips).query_pairs(1e-3 * most, output_type="ndarray")
+    corner = _groups(pairs, 2 * n)
+    meeting = np.bincount(corner)
+    ring = _groups(np.stack([corner[::2], corner[1::2]], axis=1), int(corner.max()) + 1)[
+        corner[::2]
+    ]
+    count = int(ring.max()) + 1
+    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+    np.minimum.at(low, np.repeat(ring, 2), tips)
+    np.maximum.at(high, np.repeat(ring, 2), tips)
+    fits = ((high - low).min(axis=1) >= least) & ((high - low).max(axis=1) <= most)
+    fits &= np.bincount(np.repeat(ring, 2), meeting[corner] != 2, minlength=count) == 0
+    found = []
+    for each in np.flatnonzero(fits):
+        own = np.flatnonzero(ring == each)
+        snapped = tips[np.unique(corner, return_index=True)[1]][corner.reshape(-1, 2)[own]]
+        area = shapely.get_parts(shapely.polygonize(line_strings(snapped)))
+        found += [*area] if len(area) == 1 else []
+    return np.array(found, dtype=object)
+
+
+def _groups(pairs: Int[np.ndarray, "p 2"], n: int) -> Int[np.ndarray, " n"]:
+    """Number of the connected group of each of `n`."""
+    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
+
+
+def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
+    """The area between the largest closed path and the largest within, where these are the faces of a wall:
+    nowhere further apart than walls are thick, with lines that end at the inner one, as what stands along a
+    wall does. Empty where there is none. The frame of a sheet keeps away from what it frames.
+
+    Args:
+        lines: straight ones that may be faces.
+        most: how thick walls may be.
+        extent: of the drawing.
+    """
+    none = shapely.Polygon()
+    rings = _closed_paths(lines)
+    rings = sorted(rings, key=lambda ring: -ring.area)[:2]
+    if len(rings) < 2 or not rings[0].contains(rings[1]):
+        return none
+    outer, inner = rings
+    strings = line_strings(lines.ends)
+    inside = segments.lengths(lines.ends)[
+        shapely.covers(shapely.buffer(outer, _MEETS * extent), strings)
+    ]
+    if inside.sum() < _AROUND * segments.lengths(lines.ends).sum():
+        return none
+    apart = shapely.distance(shapely.points(shapely.get_coordinates(outer)), inner).max()
+    if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < _MEETS * extent:
+        return none
+    at = np.concatenate([lines.ends, lines.ends.mean(axis=1, keepdims=True)], axis=1)
+    on_inner = np.asarray(shapely.distance(shapely.points(at), inner.exterior)) < _MEETS * extent
+    # The middle of a line along the outline is on it too: that one is of the outline itself.
+    is_ending = on_inner[:, :2].any(axis=1) & ~on_inner[:, 2]
+    return outer.difference(inner) if is_ending.sum() >= MIN_ENDING else none
+
+
+def _closed_paths(lines: Lines) -> list[shapely.Polygon]:
+    """Paths of four segments or more that end where they began."""
+    starts = np.flatnonzero(np.diff(lines.path, prepend=-1) != 0)
+    found = []
+    for start, stop in zip(starts, np.append(starts[1:], len(lines)), strict=True):
+        ends: Float[np.ndarray, "n 2 2"] = lines.ends[start:stop]
+        is_joined = np.allclose(ends[:-1, 1], ends[1:, 0]) and np.allclose(ends[-1, 1], ends[0, 0])
+        if stop - start >= 4 and is_joined:
+            ring = shapely.Polygon(ends[:, 0])
+            if ring.is_valid:
+                found.append(ring)
+    return found

@@ -8,8 +8,14 @@ from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.vector.regions import SelfCrossings
-from planfit.floorplan.vector.stroke_fills import MANY, are_in_area, area_of_strokes
-from planfit.floorplan.vector.strokes import Pen, are_bodies, body_of_strokes
+from planfit.floorplan.vector.strokes import (
+    MANY,
+    Pen,
+    are_bodies,
+    are_in_area,
+    area_of_strokes,
+    body_of_strokes,
+)
 
 ABSURD = 1e9
 """No national grid reaches this far, in any unit: such coordinates are faults of the file."""

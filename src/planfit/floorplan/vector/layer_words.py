@@ -1,15 +1,33 @@
-"""What became of each layer of a drawing, in words: what was left out, with its length."""
+"""What became of each layer of a drawing: what was left out, with its length, and the words for it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from planfit.findings.plan_kinds import MAX_NAMED
-from planfit.floorplan.vector.layer_lengths import LayerLength
+from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
+from planfit.geometry import segments
 
 MOST_NAMED = MAX_NAMED
 LITTLE = 0.3
 """A layer that is called wall and of which less became faces is questioned."""
+
+
+@dataclass(frozen=True)
+class LayerLength:
+    """Line work of a layer, in the drawing's own unit."""
+
+    name: str
+    role: Role
+    n_lines: int
+    drawn: float
+    """Length of lines that were looked at as faces; of all of them where the layer holds no walls."""
+    taken: float
+    """Length of the faces among them."""
 
 
 @dataclass(frozen=True)
@@ -72,3 +90,29 @@ def words_on_layers(
                 f"{length(each.taken)} became faces: compare the overlay (-o FILE.png) with the drawing"
             )
     return LayerWords(tuple(dropped), tuple(warnings))
+
+
+def lengths_by_layer(
+    drawing: VectorDrawing, roles: list[Role], candidates: Candidates, faces: LineFaces
+) -> tuple[LayerLength, ...]:
+    """What was looked at of each layer that is to be, all line work of the others, and what became faces."""
+    n = len(drawing.layers)
+    lines = drawing.lines
+    count = np.bincount(lines.layer, minlength=n)
+    whole = np.bincount(lines.layer, segments.lengths(lines.ends), minlength=n)
+    own = candidates.layer >= 0
+    drawn = np.bincount(candidates.layer[own], segments.lengths(candidates.ends[own]), minlength=n)
+    on_line = faces.line >= 0
+    layer = candidates.layer[faces.line[on_line]]
+    length = segments.lengths(faces.ends[on_line])
+    taken = np.bincount(layer[layer >= 0], length[layer >= 0], minlength=n)
+    return tuple(
+        LayerLength(
+            name,
+            roles[i],
+            int(count[i]),
+            float(whole[i] if roles[i] == Role.NO_WALL else drawn[i]),
+            float(taken[i]),
+        )
+        for i, name in enumerate(drawing.layers)
+    )

@@ -11,6 +11,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.near_lines import check_crossings, groups_within
+from planfit.floorplan.vector.arcs import round_walls
 from planfit.floorplan.vector.areas import (
     hatched_areas,
     main_rooms,
@@ -19,7 +20,7 @@ from planfit.floorplan.vector.areas import (
     without_paper,
 )
 from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.closed_pieces import closed_pieces
+from planfit.floorplan.vector.closed_pieces import closed_pieces, outer_wall
 from planfit.floorplan.vector.door_jambs import open_jambs
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
@@ -34,16 +35,14 @@ from planfit.floorplan.vector.double_lines import (
     thickness_bounds,
 )
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
-from planfit.floorplan.vector.layer_lengths import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
-from planfit.floorplan.vector.nested_outlines import outer_wall
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.room_edges import (
     drawn_between_rooms,
 )
-from planfit.floorplan.vector.round_walls import round_walls
 from planfit.floorplan.vector.single_lines import (
     body_of_faces,
 )

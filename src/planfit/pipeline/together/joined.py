@@ -19,17 +19,20 @@ from planfit.matching.tentative import describe_views, join_keypoints
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.together.observed import ObservedScan
-from planfit.runtime import SEED, Runtime
+from planfit.runtime import SEED, Runtime, concatenated
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan, join_scans
 from planfit.scan.odometry import Odometry
 from planfit.scan.views import select_frames
-from planfit.segmentation.joined import join_structures
-from planfit.tracking.joined import join_trackings
+from planfit.segmentation.types import LevelPoints, Structure, WallPatches
+from planfit.tracking.types import Tracking, submaps_of
 
 PLACED_RAD, PLACED_M = np.deg2rad(3.0), 0.5
 """Sigmas of the step between two scans that were placed, where matches between them are sought: as far as
 drift lets the votes of one link disagree."""
+_APART_RAD, APART_M = 1.0, 10.0
+"""Sigmas of the step from the last frame of a scan to the first of the next: it says nothing, beside a
+degree and a centimetre of others, and holds a scan that nothing else does."""
 
 
 @dataclass(frozen=True)
@@ -171,3 +174,121 @@ def _placed_odometry(
         of = slice(first, first + len(own.sigma_rotation))
         rotation[of], translation[of] = own.sigma_rotation, own.sigma_translation
     return Odometry(steps, rotation, translation)
+
+
+def join_trackings(
+    trackings: Sequence[Tracking],
+    scans: Sequence[FramesOfScan],
+    joined_from_worlds: Sequence[Float[np.ndarray, "4 4"]],
+) -> Tracking:
+    """One tracking of all frames, in the joined world.
+
+    Findings of breaks name their scan. What was found of clocks and conventions is each
+    scan's own.
+
+    Args:
+        trackings: of the scans, in their order.
+        scans: which frames are whose.
+        joined_from_worlds: where each scan stands.
+    """
+    moves, firsts = list(joined_from_worlds), [scan.first for scan in scans]
+    recorded, poses = (
+        np.concatenate([move @ getattr(t, name) for move, t in zip(moves, trackings, strict=True)])
+        for name in ("recorded_world_from_cams", "world_from_cams")
+    )
+    borders = np.array(firsts[1:], dtype=int) - 1
+    steps = se3.inverse(poses[:-1]) @ poses[1:]
+    rotation, translation = np.full(len(steps), _APART_RAD), np.full(len(steps), APART_M)
+    for tracking, scan in zip(trackings, scans, strict=True):
+        of = slice(scan.first, scan.last)
+        steps[of] = tracking.odometry.cam_from_next
+        rotation[of] = tracking.odometry.sigma_rotation
+        translation[of] = tracking.odometry.sigma_translation
+    open_steps, undecided, contradicted = (
+        np.concatenate([getattr(t, name) + f for t, f in zip(trackings, firsts, strict=True)])
+        for name in ("open_steps", "undecided_steps", "contradicted_steps")
+    )
+    breaks = [
+        replace(
+            found,
+            first_frame=found.first_frame + scan.first,
+            last_frame=found.last_frame + scan.first,
+            finding=found.finding.about(scan.name),
+        )
+        for tracking, scan in zip(trackings, scans, strict=True)
+        for found in tracking.breaks
+    ]
+    own_links = [
+        (a + first, b + first)
+        for tracking, first in zip(trackings, firsts, strict=True)
+        for a, b in tracking.linked
+    ]
+    mains = [_main_frame(t) + first for t, first in zip(trackings, firsts, strict=True)]
+    return Tracking(
+        recorded_world_from_cams=recorded,
+        world_from_cams=poses,
+        odometry=Odometry(steps, rotation, translation),
+        sigma_factors=(
+            max(t.sigma_factors[0] for t in trackings),
+            max(t.sigma_factors[1] for t in trackings),
+        ),
+        breaks=tuple(breaks),
+        n_motions=sum(t.n_motions for t in trackings),
+        open_steps=np.union1d(open_steps, borders).astype(int),
+        undecided_steps=undecided,
+        contradicted_steps=contradicted,
+        n_repeated=sum(t.n_repeated for t in trackings),
+        # Between the scans nothing was tracked, but what is placed of each is placed against the others.
+        linked=(*own_links, *((mains[0], other) for other in mains[1:])),
+    )
+
+
+def _main_frame(tracking: Tracking) -> int:
+    """A frame of the largest part of a scan that hangs together."""
+    submap = submaps_of(len(tracking.world_from_cams), tracking.open_steps, tracking.linked)
+    return int(np.argmax(submap == np.argmax(np.bincount(submap))))
+
+
+def join_structures(structures: Sequence[Structure], floor_height_m: float) -> Structure:
+    """The structure of the frames of several scans, each of which stands on one storey.
+
+    Args:
+        structures: of the scans, one or more, in their order.
+        floor_height_m: of the joined world, turned level.
+    """
+    offsets = np.cumsum([0, *(len(s.floor.start) - 1 for s in structures)])[:-1]
+    # Of labels from several back ends, what is expected of the less exact ones holds for all.
+    back_ends = [s.back_end for s in structures]
+    return Structure(
+        floor=_joined_levels([s.floor for s in structures]),
+        floor_heights_m=np.concatenate([s.floor_heights_m for s in structures]),
+        walls=_joined_patches([s.walls for s in structures], offsets),
+        unassigned_points_cam=concatenated([s.unassigned_points_cam for s in structures]),
+        unassigned_frame_idx=np.concatenate(
+            [s.unassigned_frame_idx + k for s, k in zip(structures, offsets, strict=True)]
+        ),
+        ceiling=_joined_levels([s.ceiling for s in structures]),
+        columns=_joined_patches([s.columns for s in structures], offsets),
+        back_end=next((name for name in back_ends if name != "masks"), "masks"),
+        floor_height_m=floor_height_m,
+        floor_pieces=tuple(sorted({piece for s in structures for piece in s.floor_pieces})),
+        drifted_floors_m=tuple(sorted({h for s in structures for h in s.drifted_floors_m})),
+    )
+
+
+def _joined_levels(levels: Sequence[LevelPoints]) -> LevelPoints:
+    sizes = np.concatenate([np.diff(level.start) for level in levels])
+    points = concatenated([level.points_cam for level in levels])
+    return LevelPoints(points, np.cumsum([0, *sizes]))
+
+
+def _joined_patches(patches: Sequence[WallPatches], offsets: Int[np.ndarray, " s"]) -> WallPatches:
+    sizes = np.concatenate([np.diff(each.start) for each in patches])
+    frames = [each.frame_idx + k for each, k in zip(patches, offsets, strict=True)]
+    return WallPatches(
+        points_cam=concatenated([each.points_cam for each in patches]),
+        start=np.cumsum([0, *sizes]),
+        frame_idx=np.concatenate(frames),
+        normals_cam=np.concatenate([each.normals_cam for each in patches]),
+        ends_cam=np.concatenate([each.ends_cam for each in patches]),
+    )

@@ -11,7 +11,7 @@ from planfit.findings import Finding, SurveyKind
 from planfit.geometry import se3
 from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.evidence import Evidence
-from planfit.pipeline.links import Link
+from planfit.pipeline.links import Link, Visit
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult, above, to_recorded_axes
 from planfit.pipeline.sensor import sensor_findings, sensor_parameters
@@ -20,7 +20,6 @@ from planfit.pipeline.together.observed import ObservedScan
 from planfit.pipeline.together.placing import PlacedBy
 from planfit.pipeline.validation import visit_check, wall_check
 from planfit.pipeline.verdict import judge
-from planfit.pipeline.visits import Visit
 from planfit.runtime import short_repr
 from planfit.scan import Scan
 from planfit.scan.joined import FramesOfScan

@@ -7,10 +7,9 @@ from math import isfinite
 
 import numpy as np
 
-from planfit.pipeline.links import Link
+from planfit.pipeline.links import Link, Visit
 from planfit.pipeline.registration import Registration, RegistrationRow
 from planfit.pipeline.strength import DirectionStrength
-from planfit.pipeline.visits import Visit
 from planfit.report.formatting import SPACE, length, quantity, share
 from planfit.report.html.tables import table
 from planfit.survey import PointResidual, RoleResiduals, SurveyResiduals

@@ -11,9 +11,16 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError, each_told_as, told_as
-from planfit.scan.formats.bag_messages import camera_info_lens, color_of_message, depth_of_message
+from planfit.scan.formats.bag_messages import (
+    IMAGE_TYPES,
+    Topics,
+    camera_info_lens,
+    choose_topics,
+    color_of_message,
+    depth_of_message,
+    has_lens_file,
+)
 from planfit.scan.formats.bag_poses import Transforms, fixed_transform, poses_of_bag, read_tf
-from planfit.scan.formats.bag_topics import IMAGE_TYPES, Topics, choose_topics, has_lens_file
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
 from planfit.scan.lens_file import read_lens

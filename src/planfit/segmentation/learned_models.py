@@ -1,4 +1,4 @@
-"""Segmentation models as ONNX files, through onnxruntime.
+"""Learned segmentation models: ONNX files through onnxruntime, and models of the Hugging Face hub.
 
 Beside `model.onnx`, `config.json` names the classes (`id2label`), and `preprocessor_config.json` may say
 `size`, `image_mean`, `image_std` and `rescale_factor`: what exports of transformers models come with.
@@ -6,6 +6,8 @@ Beside `model.onnx`, `config.json` names the classes (`id2label`), and `preproce
 
 import importlib
 import json
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +16,81 @@ import numpy as np
 from jaxtyping import Integer, UInt8
 
 from planfit.errors import OptionError
-from planfit.segmentation.label_names import label_table
+from planfit.runtime import find_weights, first_line, load_model
+from planfit.scan import Label
 
 _DEFAULT_SIZE_PX = 512
 """Side that SegFormer was trained at on ADE20K, 512 px; of models that say none."""
 _IMAGENET_MEAN = (0.485, 0.456, 0.406)
 _IMAGENET_STD = (0.229, 0.224, 0.225)
+_NAMES = {
+    Label.FLOOR: {"floor", "flooring", "ground", "carpet", "carpeting", "rug", "pavement"},
+    Label.WALL: {"wall"},
+    Label.CEILING: {"ceiling"},
+    Label.COLUMN: {"column", "pillar"},
+}
+_QUALIFIERS = {
+    "area", "brick", "concrete", "inside", "interior", "indoor", "marble", "merged", "other", "panel",
+    "plaster", "stone", "stuff", "tile", "tiled", "wood", "wooden",
+}  # fmt: skip
+"""Words that a name may carry without meaning something else: `wall-brick`, `floor-other-merged`."""
+_NOT_SAVED = ("criterion.",)
+"""Weights of the training loss, which are not saved with every model."""
+
+
+class TransformersModel:
+    """SegFormer and its like, Mask2Former, MaskFormer, OneFormer."""
+
+    def __init__(self, name: str, device: str) -> None:
+        """Load by hub name or local folder.
+
+        Raises:
+            OptionError: see `planfit.segmentation.learned.load_model`.
+        """
+        weights = find_weights(
+            "segmentation.learned.model", name, "--segmentation.back-end geometry"
+        )
+        transformers, kind = weights.transformers, weights.config.model_type
+        mapping = importlib.import_module("transformers.models.auto.modeling_auto")
+        is_universal = kind in mapping.MODEL_FOR_UNIVERSAL_SEGMENTATION_MAPPING_NAMES
+        auto = (
+            transformers.AutoModelForUniversalSegmentation
+            if is_universal
+            else transformers.AutoModelForSemanticSegmentation
+        )
+        self._needs_task = kind == "oneformer"
+        processor = (
+            transformers.AutoProcessor if self._needs_task else transformers.AutoImageProcessor
+        )
+        self.table = label_table(weights.config.id2label, weights.where)
+        try:
+            self._processor: Any = processor.from_pretrained(
+                weights.source, trust_remote_code=False
+            )
+        except (OSError, ValueError, ImportError) as error:
+            raise OptionError(
+                f"{weights.where}: expected a segmentation model with preprocessor_config.json, found a "
+                f"{kind} whose images cannot be prepared ({first_line(error)})"
+            ) from error
+        self._torch = weights.torch
+        self._model, self._device = load_model(
+            weights, auto, "a segmentation model", "segmentation.learned.device", device, _NOT_SAVED
+        )
+
+    def classes(
+        self, images: list[UInt8[np.ndarray, "_ _ 3"]], sizes: list[tuple[int, int]]
+    ) -> list[Integer[np.ndarray, "_ _"]]:
+        """See `planfit.segmentation.learned.Model`."""
+        if self._needs_task:
+            inputs = self._processor(
+                images=images, task_inputs=["semantic"] * len(images), return_tensors="pt"
+            )
+        else:
+            inputs = self._processor(images=images, return_tensors="pt")
+        with self._torch.inference_mode():
+            outputs = self._model(**inputs.to(self._device))
+            maps = self._processor.post_process_semantic_segmentation(outputs, target_sizes=sizes)
+        return [m.cpu().numpy() for m in maps]
 
 
 class OnnxModel:
@@ -140,3 +211,42 @@ def _read_json(path: Path, where: str) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError) as error:
         raise OptionError(f"{where}: expected JSON in {path.name} beside it, {error}") from error
     return content if isinstance(content, dict) else {}
+
+
+def label_of_name(name: str) -> Label:
+    """The label of one class: `rug;carpet;carpeting` is floor, `wall-brick` wall, `wall clock` other.
+
+    Synonyms are parted by `,` `;` or `/`; one of them is enough.
+    """
+    for synonym in re.split(r"[,;/]", name.lower()):
+        words = {_singular(word) for word in re.findall(r"[a-z]+", synonym)} - _QUALIFIERS
+        for label, names in _NAMES.items():
+            if len(words) == 1 and words <= names:
+                return label
+    return Label.OTHER
+
+
+def label_table(id2label: Mapping[int, str], where: str) -> UInt8[np.ndarray, " n"]:
+    """Labels of `Label` by class number, 0 to the largest; numbers without name are NONE.
+
+    Raises:
+        OptionError: no class is a floor or a wall; `where` names the model.
+    """
+    table = np.full(max(id2label, default=-1) + 1, Label.NONE, dtype=np.uint8)
+    for number, name in id2label.items():
+        table[number] = label_of_name(name)
+    missing = [
+        label.name.lower() for label in (Label.FLOOR, Label.WALL) if not np.any(table == label)
+    ]
+    if missing:
+        shown = ", ".join(list(id2label.values())[:8])
+        raise OptionError(
+            f"{where}: expected classes named floor and wall (or ground, carpet, rug), found no "
+            f"{' and no '.join(missing)} among {len(id2label)} classes ({shown} ...); take a model that "
+            "was trained on indoor scenes, or name its classes in id2label of its config.json"
+        )
+    return table
+
+
+def _singular(word: str) -> str:
+    return word[:-1] if word.endswith("s") and not word.endswith("ss") else word
