@@ -34,9 +34,9 @@ from planfit.geometry.camera import Camera
 from planfit.lsq import read_g2o
 from planfit.pipeline.options import RefineOptions
 from planfit.scan import read_scan, scan_from_arrays
-from planfit.scan.calibration_file import take_calibration, write_calibration
 from planfit.scan.formats.las import LasFile
 from planfit.scan.images.decode import decode_image, header_size
+from planfit.scan.lens_file import take_calibration, write_calibration
 from scan_samples import make_sample, png, write_redwood
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 15.5, 11.5)

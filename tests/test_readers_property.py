@@ -20,7 +20,7 @@ from planfit.errors import PlanfitError
 from planfit.floorplan import read_floorplan
 from planfit.geometry.camera import Camera
 from planfit.scan import scan_from_arrays
-from planfit.scan.calibration_file import FORMAT, VERSION, take_calibration
+from planfit.scan.lens_file import FORMAT, VERSION, take_calibration
 from planfit.scan.pose_files import parse_poses
 from planfit.survey.read import read_marks, read_points
 

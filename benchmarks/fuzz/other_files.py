@@ -102,7 +102,7 @@ memory-gb = 2.5
     def calibration(folder: Path) -> tuple[str, str]:
         from planfit.geometry.calibration import SensorCalibration
         from planfit.geometry.camera import Camera
-        from planfit.scan.calibration_file import PARAMETERS, write_calibration
+        from planfit.scan.lens_file import PARAMETERS, write_calibration
 
         sigmas = dict.fromkeys(PARAMETERS, 0.0)
         camera = Camera(128, 96, 100.0, 100.0, 63.5, 47.5)

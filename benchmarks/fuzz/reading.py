@@ -207,7 +207,7 @@ def _read_run(path: Path) -> str:
 
 
 def _read_calibration(path: Path) -> str:
-    from planfit.scan.calibration_file import take_calibration
+    from planfit.scan.lens_file import take_calibration
 
     camera = take_calibration(_blank_scan(), path).cameras[0]
     return _not_finite({"camera": np.array([camera.fx, camera.fy, camera.cx, camera.cy])})

@@ -10,7 +10,7 @@ from builders import CAMERA, look, room_scan
 from planfit.errors import ScanError
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.scan import calibrated_scan
-from planfit.scan.calibration_file import take_calibration, write_calibration
+from planfit.scan.lens_file import take_calibration, write_calibration
 
 SENSOR = SensorCalibration(0.97, 0.02, 0.004, 1.03, 0.99, 0.01, -0.02)
 

@@ -16,9 +16,9 @@ from planfit.tracking.motions import (
     departures,
     expected_covariance,
     measured_motions,
+    noise_factors,
     squared_sigmas,
 )
-from planfit.tracking.noise import noise_factors
 
 PLAIN = OdometryOptions(0.01, 0.0, 0.1, 0.0)
 

@@ -19,6 +19,7 @@ from planfit.adjust.problem import AdjustmentProblem as AdjustmentProblem
 from planfit.adjust.problem import build_problem as build_problem
 from planfit.adjust.problem import costs as costs
 from planfit.adjust.scale import cost_on_plan as cost_on_plan
+from planfit.adjust.scale import fit_thickness as fit_thickness
 from planfit.adjust.scale import refit_scale as refit_scale
 from planfit.adjust.schedule import ClosedLoops as ClosedLoops
 from planfit.adjust.schedule import PlanAdjustment as PlanAdjustment
@@ -26,6 +27,5 @@ from planfit.adjust.schedule import adjust_to_plan as adjust_to_plan
 from planfit.adjust.schedule import close_loops as close_loops
 from planfit.adjust.schedule import close_loops_untorn as close_loops_untorn
 from planfit.adjust.schedule import settle_walls as settle_walls
-from planfit.adjust.thickness import fit_thickness as fit_thickness
 from planfit.adjust.torn_steps import TornStep as TornStep
 from planfit.lsq.solver import Solution as Solution

@@ -2,7 +2,6 @@
 (docs/as-built.md)."""
 
 from planfit.as_built.compare import compare_as_built, judge_walls
-from planfit.as_built.deviations import Deviation, deviations, in_words, title
 from planfit.as_built.openings import (
     SURE_SIGMAS,
     AsBuiltOpening,
@@ -13,7 +12,17 @@ from planfit.as_built.openings import (
     opening_words,
 )
 from planfit.as_built.record import AS_BUILT, read_as_built, write_as_built
-from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall, Verdict, counted
+from planfit.as_built.types import (
+    AsBuilt,
+    AsBuiltOptions,
+    AsBuiltWall,
+    Deviation,
+    Verdict,
+    counted,
+    deviations,
+    in_words,
+    title,
+)
 
 __all__ = [
     "AS_BUILT",

@@ -12,7 +12,7 @@ import tyro
 
 from planfit.errors import OptionError, require
 from planfit.floorplan import PlanOptions
-from planfit.floorplan.units import Unit
+from planfit.floorplan.options import Unit
 from planfit.scan import Scan
 from planfit.survey import FAMILIES, Survey, SurveyAxes, read_marks, read_points
 

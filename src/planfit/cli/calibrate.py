@@ -18,7 +18,7 @@ from planfit.pipeline.refine import calibrate
 from planfit.pipeline.sensor import SensorParameter, sensor_findings, sensor_parameters
 from planfit.runtime import Runtime
 from planfit.scan import ScanOptions, read_scan
-from planfit.scan.calibration_file import write_calibration
+from planfit.scan.lens_file import write_calibration
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,35 @@
-"""Everything that can be chosen about reading a plan."""
+"""Everything that can be chosen about reading a plan, and the units that lengths may be in."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from planfit.errors import OptionError, require_positive
-from planfit.floorplan.units import Unit
+from planfit.priors import BUILDING_SIZE_M
 from planfit.runtime import Changeable, require_kinds
+
+Unit = Literal["auto", "m", "cm", "mm", "in", "ft", "unknown"]
+"""What a user may say of a plan's unit."""
+
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Units that a plan may be drawn in."""
+METRES_PER_FILE_UNIT = {**METRES_PER_UNIT, "dm": 0.1, "yd": 0.9144, "US survey ft": 1200 / 3937}
+"""Those, and what only the headers of files name."""
+
+MIN_SIZE_M, MAX_SIZE_M = BUILDING_SIZE_M.both
+"""Outside, the unit is another one."""
+
+
+@dataclass(frozen=True)
+class _PlanUnit:
+    """The unit of a file's coordinates."""
+
+    name: str
+    """A name of `METRES_PER_UNIT`, "0.02 m" for a scale that was given, "unknown"."""
+    known_from: str
+    """What told it; empty where it is unknown."""
+    metres: float | None
+    """Metres of one unit; None where it is unknown."""
 
 
 @dataclass(frozen=True)
@@ -55,3 +79,41 @@ class PlanOptions(Changeable):
         if self.paper_scale is None:
             return self
         return replace(self, metres_per_unit=self.paper_scale * metres_on_paper, paper_scale=None)
+
+
+def choose_unit(
+    unit: Unit, metres_per_unit: float | None, file_unit: str | None = None, told_by: str = ""
+) -> _PlanUnit:
+    """Unit of a plan.
+
+    Args:
+        unit: the user's; goes before the file's, unless it is "auto".
+        metres_per_unit: the user's; goes before `unit`.
+        file_unit: a name of `METRES_PER_UNIT`, or None where the file does not tell.
+        told_by: what in the file told it.
+    """
+    if metres_per_unit is not None:
+        return _PlanUnit(f"{metres_per_unit:g} m", "--scale", metres_per_unit)
+    if unit == "unknown":
+        return _PlanUnit("unknown", "", None)
+    if unit != "auto":
+        return _PlanUnit(unit, "--unit", METRES_PER_UNIT[unit])
+    if file_unit is None:
+        return _PlanUnit("unknown", "", None)
+    return _PlanUnit(file_unit, told_by, METRES_PER_UNIT[file_unit])
+
+
+def name_of_unit(metres: float) -> str:
+    """Name of the unit of so many metres; "0.02 m" where it has none."""
+    named = (name for name, m in METRES_PER_FILE_UNIT.items() if abs(metres / m - 1) < 1e-6)
+    return next(named, f"{metres:g} m")
+
+
+def units_that_fit(size: float) -> str:
+    """In which units a plan of a size, in its own numbers, would be a building, as a sentence's end."""
+    fitting = [
+        f"{size * metres:.3g} m with --unit {name}"
+        for name, metres in METRES_PER_UNIT.items()
+        if MIN_SIZE_M <= size * metres <= MAX_SIZE_M
+    ]
+    return f"it would be {', '.join(fitting)}" if fitting else "no unit makes it one: give --scale"

@@ -7,9 +7,14 @@ from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.edits import edited, read_edits
 from planfit.floorplan.formats import PAPER_SUFFIXES, PICTURE_SUFFIXES, find_reader
 from planfit.floorplan.near_lines import LineWorkTooDense
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import (
+    MAX_SIZE_M,
+    METRES_PER_UNIT,
+    MIN_SIZE_M,
+    PlanOptions,
+    units_that_fit,
+)
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.units import MAX_SIZE_M, METRES_PER_UNIT, MIN_SIZE_M, units_that_fit
 from planfit.runtime import require_content, unpacked
 
 

@@ -13,11 +13,10 @@ from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of, require_content
-from planfit.scan.calibration_file import take_calibration
 from planfit.scan.formats import READERS, layouts, whole_files
 from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
-from planfit.scan.lens_file import read_lens
+from planfit.scan.lens_file import read_lens, take_calibration
 from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import Recording

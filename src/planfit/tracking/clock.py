@@ -13,8 +13,13 @@ from jaxtyping import Bool, Float, Int
 from planfit.findings import Finding, PoseKind
 from planfit.priors import CLEAR_ODDS, CLOCK_RATE_SHARE, SURE_SIGMAS
 from planfit.scan.odometry import OdometryOptions, make_odometry
-from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
-from planfit.tracking.noise import FREEDOM, noise_factors
+from planfit.tracking.motions import (
+    FREEDOM,
+    MeasuredMotions,
+    departures,
+    expected_covariance,
+    noise_factors,
+)
 from planfit.tracking.options import TrackingOptions
 from planfit.tracking.trajectory import FrameTimes, interpolate_trajectory, joined_frames
 

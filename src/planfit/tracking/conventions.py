@@ -19,6 +19,7 @@ from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.poses import from_opengl
 from planfit.tracking.motions import (
+    FREEDOM,
     MeasuredMotions,
     departures,
     expected_covariance,
@@ -31,7 +32,6 @@ from planfit.tracking.mounts import (
     mount_of,
 )
 from planfit.tracking.mounts import PREFIX as MOUNT
-from planfit.tracking.noise import FREEDOM
 from planfit.tracking.pose_units import (
     PREFIX,
     in_metres,

@@ -30,8 +30,7 @@ from planfit.tracking.lost_runs import (
     stands_still,
     usual_of_known,
 )
-from planfit.tracking.motions import MeasuredMotions
-from planfit.tracking.noise import noise_factors
+from planfit.tracking.motions import MeasuredMotions, noise_factors
 from planfit.tracking.options import TrackingOptions
 from planfit.tracking.submaps import find_doubtful
 from planfit.tracking.trajectory import (

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from planfit.geometry import se3
 from planfit.priors import MOUNT_ARM_SIGMA_M
 from planfit.scan.odometry import Odometry
-from planfit.tracking.motions import MeasuredMotions, departures, expected_covariance
-from planfit.tracking.noise import FREEDOM
+from planfit.tracking.motions import FREEDOM, MeasuredMotions, departures, expected_covariance
 
 PREFIX = "mount:"
 """Of the convention's name, before roll, pitch and yaw (degrees) of the camera's axes in those of the body,

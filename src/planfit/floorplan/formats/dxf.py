@@ -25,9 +25,8 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.dxf_blocks import check_expansion
 from planfit.floorplan.formats.dxf_unread import only_layout, unread_words
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import METRES_PER_FILE_UNIT, PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.units import METRES_PER_FILE_UNIT
 from planfit.floorplan.vector.drawing import ABSURD, DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen

@@ -21,9 +21,8 @@ from planfit.floorplan.formats.geojson_storeys import (
     level_names,
     told_storeys,
 )
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of, words_of
 from planfit.floorplan.vector.line_work import ends_of, longest, outlines

@@ -8,8 +8,8 @@ from jaxtyping import Float
 from PIL import Image
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.options import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.units import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.vector.drawing import ABSURD
 
 WORLD_SUFFIXES = {

@@ -15,9 +15,8 @@ from planfit.floorplan.elements import are_glass
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.ifc_openings import find_openings, is_glass_element
 from planfit.floorplan.formats.ifc_places import map_conversion
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, name_of_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import name_of_unit
 from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.regions import faces_of_regions, section_area
 from planfit.runtime import whole_number

@@ -9,9 +9,8 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.line_work import MAX_LINES
 from planfit.floorplan.vector.point_lines import wall_lines
 

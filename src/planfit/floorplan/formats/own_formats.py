@@ -12,9 +12,8 @@ from jaxtyping import Bool, Float
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
 from planfit.runtime import write_whole
 

@@ -15,9 +15,8 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 from planfit.priors import DOOR_WIDTH_MOST_M

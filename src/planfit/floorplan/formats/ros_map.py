@@ -17,11 +17,10 @@ from PIL import Image, UnidentifiedImageError
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.raster import check_size
 from planfit.floorplan.raster.picture import MIN_SIDE_PX
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.geometry import segments
 from planfit.runtime import path_inside
 

@@ -9,7 +9,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.plans_on_sheet import (
     MOST_STOREYS,
     find_storeys,
@@ -48,7 +48,6 @@ from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
 from planfit.floorplan.raster.words import count_words
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.units import choose_unit
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
 
 WORK_SIDE_PX = 2000

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.options import PlanOptions
-from planfit.floorplan.units import (
+from planfit.floorplan.options import (
     MAX_SIZE_M,
     METRES_PER_UNIT,
     MIN_SIZE_M,
+    PlanOptions,
     choose_unit,
     units_that_fit,
 )

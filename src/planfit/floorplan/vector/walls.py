@@ -21,14 +21,13 @@ from planfit.floorplan.vector.areas import (
 )
 from planfit.floorplan.vector.candidates import Candidates
 from planfit.floorplan.vector.closed_pieces import closed_pieces, outer_wall
-from planfit.floorplan.vector.door_jambs import open_jambs
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
     door_radii,
     find_door_swings,
     without_sectors,
 )
-from planfit.floorplan.vector.doors import OpenedDoors, open_doors
+from planfit.floorplan.vector.doors import OpenedDoors, open_doors, open_jambs
 from planfit.floorplan.vector.double_lines import (
     LineFaces,
     rows_of_lines,

@@ -8,8 +8,7 @@ from planfit.pipeline.disagreements import Disagreement, EvidenceItem
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
-from planfit.report.html.figures import captioned, plural
-from planfit.report.html.tables import table
+from planfit.report.html.tables import captioned, plural, table
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.plots import charts
 

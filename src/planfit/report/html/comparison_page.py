@@ -10,9 +10,8 @@ from planfit import __version__
 from planfit.evaluation import Comparison, Metric, wall_points
 from planfit.report import comparison_words as words
 from planfit.report import formatting
-from planfit.report.html.figures import captioned, width_pt
 from planfit.report.html.page import page_of
-from planfit.report.html.tables import table
+from planfit.report.html.tables import captioned, table, width_pt
 from planfit.report.measures import CloudXY
 from planfit.report.plots.comparison import (
     SideView,

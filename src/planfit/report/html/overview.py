@@ -14,7 +14,7 @@ from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
-from planfit.report.html.figures import captioned, side_by_side, sides, width_pt
+from planfit.report.html.tables import captioned, side_by_side, sides, width_pt
 from planfit.report.key_metrics import KeyMetric
 from planfit.report.measures import BeforeAfter, StoreyMeasures
 from planfit.report.plots import colors

@@ -14,8 +14,7 @@ from planfit.pipeline.sensor import SensorParameter, sensor_findings
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
-from planfit.report.html.figures import captioned, plural, side_by_side, sides, width_pt
-from planfit.report.html.tables import table
+from planfit.report.html.tables import captioned, plural, side_by_side, sides, table, width_pt
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts, colors, maps
 from planfit.report.plots.charts import (

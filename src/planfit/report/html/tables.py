@@ -1,10 +1,11 @@
-"""Tables of the report as HTML, plain and with heads that sort them. All text of the plain ones is escaped
-here."""
+"""Tables and figures of a page."""
 
+import json
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from html import escape
+from typing import Literal
 
 import numpy as np
 
@@ -12,6 +13,10 @@ from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.key_metrics import KeyMetric
+from planfit.report.measures import BeforeAfter, Measures
+from planfit.report.plots.drawing import PANEL_PT, Drawing, to_svg
+from planfit.report.plots.overlay import WIDE_PT, is_wide
+from planfit.report.plots.top_view import Crop
 
 LOOP_MIN_FRAMES = 4
 """Pairs of frames further apart than this are loop closures."""
@@ -25,6 +30,8 @@ _TERMS = {
     "columns": "columns",
     "odometry": "recorded motion",
 }
+_Side = Literal["before", "after"]
+"""Of the refinement."""
 
 
 def table(
@@ -255,3 +262,36 @@ def _td(cell: Cell, kind: str) -> str:
         return f'<td{kind} data-key="{escape(cell.key)}">{cell.html}</td>'
     key = "" if np.isinf(cell.key) else f"{cell.key:.6g}"
     return f'<td{kind} data-key="{key}">{cell.html}</td>'
+
+
+def plural(count: int, one: str, many: str) -> str:
+    """The word that goes with a count."""
+    return one if count == 1 else many
+
+
+def width_pt(crop: Crop) -> float:
+    """Width of a picture of a crop: the whole page for wide ones."""
+    return WIDE_PT if is_wide(crop) else PANEL_PT
+
+
+def sides(both: BeforeAfter) -> tuple[tuple[_Side, Measures], tuple[_Side, Measures]]:
+    """Before and after, each with its name."""
+    return ("before", both.before), ("after", both.after)
+
+
+def side_by_side(pictures: Sequence[str], crop: Crop) -> str:
+    """Before and after beside each other, or one above the other where both are wide."""
+    return f'<div class="{"stack" if is_wide(crop) else "pair"}">{"".join(pictures)}</div>'
+
+
+def captioned(picture: Drawing, caption_html: str, alt: str, side: _Side = "after") -> str:
+    """A picture inside the page, its caption above it; pressed, it shows frames as they are on that side."""
+    attributes = f'aria-label="{escape(alt)}"'
+    if picture.clicks is not None:
+        clicks = json.dumps(asdict(picture.clicks) | {"side": side})
+        attributes += f' data-clicks="{escape(clicks)}"'
+    style = "plot wide" if picture.width_pt > PANEL_PT else "plot"
+    return (
+        f"<figure><figcaption>{caption_html}</figcaption>"
+        f'<div class="{style}">{to_svg(picture, attributes)}</div></figure>'
+    )

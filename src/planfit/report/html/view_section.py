@@ -3,8 +3,7 @@
 from importlib import resources
 
 from planfit.report.plots import colors
-from planfit.report.scene.encode import encode_levels, scene_json
-from planfit.report.scene.scene import Scene
+from planfit.report.scene.scene import Scene, encode_levels, scene_json
 
 SCRIPTS = (
     "matrix.js",
