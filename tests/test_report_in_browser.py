@@ -16,10 +16,13 @@ PROBE = """
 <script>
 addEventListener("load", () => {
   const frame = document.querySelector("iframe"), page = frame.contentDocument;
+  const found = {words: page.body.innerText.trim().split(/\\s+/).length};
+  for (const section of page.querySelectorAll("details.section")) section.open = true;
+  found.all_words = page.body.innerText.trim().split(/\\s+/).length;
   const rows = () => [...page.querySelectorAll("table.sortable tbody tr")];
   const numbers = () => rows().map((r) => r.cells[2].textContent);
   const head = page.querySelectorAll("table.sortable th")[2];
-  const found = {before: numbers()};
+  found.before = numbers();
   head.querySelector("button").click(); found.up = numbers();
   head.querySelector("button").click(); found.down = numbers();
   found.width = page.documentElement.scrollWidth;
@@ -61,6 +64,7 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
     found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
     assert found["pictures"] == 12
+    assert found["words"] <= 900 < found["all_words"]
     assert found["cut"] == []
     assert found["covered"] == []
 
@@ -80,7 +84,7 @@ def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, fl
     assert all(text.strip() for text in texts)
     words = " ".join(texts)
     words = words.replace("\u00a0", " ").replace("\u2212", "-")
-    assert "-12.0 cm" in words
+    assert "-12.0 cm" in words  # of a section that is folded on the screen
     assert "+7.0 cm" in words
     assert "+1.0" in report
     assert "+1.0" not in words  # a wall that agrees

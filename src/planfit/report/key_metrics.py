@@ -1,6 +1,5 @@
 """The numbers that matter, before and after, and the verdict in words."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -125,33 +124,13 @@ def told_first(verdict: Verdict) -> str:
     return f"{verdict.headline[0].upper()}{verdict.headline[1:]}."
 
 
-def reasons_in_words(
-    result: RefineResult, metrics: Sequence[KeyMetric], truth: TruthErrors | None = None
-) -> str:
-    """What else speaks for the outcome, and what became better or worse, in plain words."""
-    further = result.verdict.further_reasons
-    words = " ".join(f"{each[0].upper()}{each[1:]}." for each in further)
-    judged = metrics[: len(result.checks)]
-    for name, chosen in (
-        ("Better", [m for m in judged if m.is_improved and not m.is_worse]),
-        ("Worse", [m for m in judged if m.is_worse]),
-    ):
-        if chosen:
-            words += f" {name}: {'; '.join(_told(m) for m in chosen)}."
+def reasons_in_words(verdict: Verdict, truth: TruthErrors | None = None) -> str:
+    """What else speaks for the outcome, in plain words; the metrics say what became better or worse."""
+    words = " ".join(f"{each[0].upper()}{each[1:]}." for each in verdict.further_reasons)
     if truth:
         before, after = (formatting.length(v) for v in (truth.before_rms_m, truth.after_rms_m))
         words += f" Against the true positions, the error went from {before} to {after} RMS."
     return words.strip()
-
-
-def _told(metric: KeyMetric) -> str:
-    before, after = (formatting.quantity(v, metric.unit) for v in (metric.before, metric.after))
-    if metric.unit == "share":
-        return (
-            f"{after} of the scanned wall points lie within {NEAR_FACE_M:.2f}"
-            f"{formatting.SPACE}m of a drawn wall ({before} before)"
-        )
-    return f"places seen again agree to {after} ({before} before)"
 
 
 def _words(check: Check) -> tuple[str, str]:

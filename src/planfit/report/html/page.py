@@ -58,8 +58,11 @@ class Shown:
 
 
 Section = Callable[[Shown], str]
-"""A part of the report as HTML, empty where it does not apply; its headings (`<h2>`) are what the list of
-contents leads to."""
+"""A part of the report as HTML, empty where it does not apply; what follows each heading (`<h2>`) is folded
+under it."""
+_SECTION = re.compile("<h2>(.*?)</h2>(.*?)(?=<h2>|$)", re.DOTALL)
+_OPEN = ("Storey", "Scans")
+"""First words of the headings of sections that stand in for the first picture, and are seen at once."""
 
 
 def make_report(
@@ -104,17 +107,17 @@ def make_report(
     body = [html for section in SECTIONS if (html := section(shown))]
     on_plan = "without a plan" if floorplan is None else f"on {_last_part(floorplan.name)}"
     title = f"{shown.scan_name} {on_plan}: planfit report"
-    return page_of(title, _with_contents(body), scene)
+    return page_of(title, _folded(body), scene)
 
 
 def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
     """A self-contained page of parts that are HTML; the title is plain text. `scene` is that of a
     part that is a 3D view."""
-    style, sort, as_built = (
+    style, page, as_built = (
         resources.files("planfit.report.html").joinpath(name).read_text("utf-8")
-        for name in ("style.css", "sort.js", "as_built.js")
+        for name in ("style.css", "page.js", "as_built.js")
     )
-    script = sort + as_built
+    script = page + as_built
     first = rest = ""
     if scene is not None:
         style, script = style + view_style(), script + view_script()
@@ -148,7 +151,7 @@ def _top(shown: Shown) -> str:
     ]
     if result.storeys is None:
         parts.append(overview(floorplan, shown.both, shown.crop, shown.marks))
-    parts.append(f"<p>{escape(reasons_in_words(result, numbers, shown.truth))}</p>")
+    parts.append(f"<p>{escape(reasons_in_words(result.verdict, shown.truth))}</p>")
     if result.by_hand is not None:
         parts.append(_by_hand(result.by_hand))
     if result.verdict.reservations:
@@ -202,18 +205,19 @@ def _made(made: Provenance | None) -> str:
     return f"Made {escape(made.at)}{by} with {escape(versions)}."
 
 
-def _with_contents(body: Sequence[str]) -> list[str]:
-    """The page's parts, a list of their headings after the first; each heading is what its line leads to."""
-    titles: list[str] = []
+def _folded(parts: Sequence[str]) -> list[str]:
+    """The page's parts, all but the first folded: headings of what is closed are a list of contents."""
+    top, *rest = parts
+    # The 3D view is a section of its own, and stays open.
+    return [top, *(re.sub(_SECTION, _fold, p) if p.startswith("<h2>") else p for p in rest)]
 
-    def named(heading: re.Match[str]) -> str:
-        titles.append(heading[1])
-        return f'<h2 id="section-{len(titles)}">{heading[1]}</h2>'
 
-    top, *rest = body
-    rest = [re.sub("<h2>(.*?)</h2>", named, part) for part in rest]
-    lines = (f'<a href="#section-{k}">{title}</a>' for k, title in enumerate(titles, 1))
-    return [top, f'<nav aria-label="Contents">{" ".join(lines)}</nav>', *rest]
+def _fold(section: re.Match[str]) -> str:
+    is_open = " open" if section[1].startswith(_OPEN) else ""
+    return (
+        f'<details class="section"{is_open}><summary><h2>{section[1]}</h2></summary>'
+        f"{section[2]}</details>"
+    )
 
 
 def _by_hand(by_hand: ByHand) -> str:

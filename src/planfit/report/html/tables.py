@@ -231,7 +231,7 @@ def sortable_table(
     rows: Sequence[tuple[str, str, tuple[Cell, ...]]],
     what: str = "walls",
 ) -> str:
-    """A table whose heads sort it (`sort.js`); the second column is words, the others are numbers.
+    """A table whose heads sort it (`page.js`); the second column is words, the others are numbers.
 
     Args:
         heads: plain text.

@@ -19,3 +19,12 @@ for (const table of document.querySelectorAll("table.sortable")) {
     }),
   );
 }
+
+// On paper all sections are seen; on the screen those stay closed that were.
+const folded = () => document.querySelectorAll("details.section:not([open])");
+let opened = [];
+addEventListener("beforeprint", () => {
+  opened = [...folded()];
+  opened.forEach((section) => (section.open = true));
+});
+addEventListener("afterprint", () => opened.forEach((section) => (section.open = false)));
