@@ -20,15 +20,17 @@ export PYTHONDONTWRITEBYTECODE =
 .NOTPARALLEL:
 # The slowest tests are printed, the time of each is in a file.
 DURATIONS := --durations=30 --junitxml=$(VENV)
+# SHARD=2/3 is the second of three parts of the tests, for machines side by side.
+PART := $(if $(SHARD),--splits $(word 2,$(subst /, ,$(SHARD))) --group $(word 1,$(subst /, ,$(SHARD))))
 
 demo: $(VENV)/kernels
 	$(BIN)/planfit demo -o demo
 
 test: $(VENV)/installed-dev $(VENV)/kernels
-	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" $(DURATIONS)/tests.xml
+	$(BIN)/python -m pytest -n auto --dist loadfile -m "not slow" $(PART) $(DURATIONS)/tests.xml
 
 test-slow: $(VENV)/installed-dev $(VENV)/kernels
-	$(BIN)/python -m pytest -n auto --dist loadfile -m slow $(DURATIONS)/tests-slow.xml
+	$(BIN)/python -m pytest -n auto --dist loadfile -m slow $(PART) $(DURATIONS)/tests-slow.xml
 
 check: $(VENV)/installed-dev
 	$(BIN)/ruff check src tests benchmarks examples docs hatch_build.py
