@@ -16,8 +16,8 @@ from typing import Any, Literal
 from command_flags import Flag, Group, group_of, one_line, shortest_words
 from planfit.cli.arguments import PlanFlags
 from planfit.cli.commands import COMMANDS, EXIT_CODES, Command, KnownFlag
-from planfit.cli.console import FLAGS as EVERYWHERE_FLAGS
 from planfit.cli.parser import parse
+from planfit.cli.speech import FLAGS as EVERYWHERE_FLAGS
 from planfit.evaluation import EvaluateOptions
 from planfit.pipeline.options import PRESETS, RefineOptions
 from planfit.scan import ScanOptions

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 
 import planfit
 import reference
-from planfit.cli.console import NAMES
+from planfit.cli.speech import NAMES
 from planfit.cli.topics import topics
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions

@@ -15,7 +15,7 @@ import reference
 from planfit.cli import run
 from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME
 from planfit.cli.completion import SCRIPTS, completions
-from planfit.cli.console import NAMES
+from planfit.cli.speech import NAMES
 from planfit.errors import did_you_mean
 
 NAMES_OF_COMMANDS = [command.name for command in COMMANDS]

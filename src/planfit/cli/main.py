@@ -19,7 +19,7 @@ from planfit.cli.commands import (
     overview,
 )
 from planfit.cli.completion import completions
-from planfit.cli.console import USUAL, Speech, speaking, split_speech
+from planfit.cli.speech import USUAL, Speech, speaking, split_speech
 from planfit.cli.topics import show_help
 from planfit.errors import OptionError, PlanfitError, did_you_mean
 

@@ -84,7 +84,7 @@ def fuse_mesh(
 ) -> trimesh.Trimesh:
     """Coloured triangles in the target frame.
 
-    Frames are read one after another, and large scans are fused tile by tile (`mesh_tiles`), so that memory
+    Frames are read one after another, and large scans are fused tile by tile (`cut_tiles`), so that memory
     grows with neither.
 
     Args:

@@ -10,7 +10,7 @@ from planfit.errors import OptionError
 from planfit.lsq.block_cholesky import BlockFactor
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.term import Term
-from planfit.runtime.parallel import blas_on_one_thread, in_threads
+from planfit.runtime.threads import blas_on_one_thread, in_threads
 
 _COLUMNS_AT_A_TIME = 6
 """Right sides that one thread solves for; more at a time take no less."""

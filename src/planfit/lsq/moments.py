@@ -21,7 +21,7 @@ from planfit.lsq.blocks import NormalBlocks, relative_poses
 from planfit.lsq.moment_kernels import add_pair_blocks, add_plane_blocks, sum_pairs, sum_planes
 from planfit.lsq.robust import Loss
 from planfit.runtime.mapped import for_kernels, let_go
-from planfit.runtime.parallel import in_threads
+from planfit.runtime.threads import in_threads
 
 _PART_POINTS = 100_000
 """Points a thread takes at a time: 0.5 ms of work, against 0.05 ms to hand it over."""

@@ -30,14 +30,14 @@ from planfit.runtime.option_values import whole_number as whole_number
 from planfit.runtime.parallel import SEED as SEED
 from planfit.runtime.parallel import Runtime as Runtime
 from planfit.runtime.parallel import StageTimer as StageTimer
-from planfit.runtime.parallel import blas_on_one_thread as blas_on_one_thread
 from planfit.runtime.parallel import cache_key as cache_key
 from planfit.runtime.parallel import give_back_memory as give_back_memory
-from planfit.runtime.parallel import in_threads as in_threads
 from planfit.runtime.progress_line import ProgressLine as ProgressLine
 from planfit.runtime.short_repr import html_table as html_table
 from planfit.runtime.short_repr import short_html as short_html
 from planfit.runtime.short_repr import short_repr as short_repr
+from planfit.runtime.threads import blas_on_one_thread as blas_on_one_thread
+from planfit.runtime.threads import in_threads as in_threads
 from planfit.runtime.whole_files import made_folder as made_folder
 from planfit.runtime.whole_files import whole_file as whole_file
 from planfit.runtime.whole_files import whole_folder as whole_folder

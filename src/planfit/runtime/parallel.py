@@ -6,15 +6,12 @@ import logging
 import os
 import sys
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
-
-from threadpoolctl import threadpool_limits
 
 from planfit.errors import OutputError, require_positive
 from planfit.runtime.cache_chunks import (
@@ -27,6 +24,7 @@ from planfit.runtime.cache_chunks import (
     write_chunk,
 )
 from planfit.runtime.option_values import require_kinds
+from planfit.runtime.threads import blas_on_one_thread
 
 log = logging.getLogger(__name__)
 
@@ -34,7 +32,6 @@ Progress = Callable[[str, int, int], None]
 """Called with the stage's name, how many items are done, and of how many (0: not known)."""
 SEED = 0
 """Of random samples and trials, by frame or pair: a scan looked at again shows the same."""
-Result = TypeVar("Result")
 
 
 def cache_key(source: str, *parts: object) -> str:
@@ -233,23 +230,3 @@ class StageTimer:
         rest_s = time.perf_counter() - self._begun - sum(self.seconds.values())
         known = {name: value for name, value in self.seconds.items() if name != OTHER}
         return known | {OTHER: self.seconds.get(OTHER, 0.0) + max(rest_s, 0.0)}
-
-
-def in_threads(compute: Callable[..., Result], *each: Iterable) -> list[Result]:
-    """`compute` of the items of one or several lists, as `map`: a thread a core, results in order.
-
-    What the parts are must not depend on the number of cores, or results would.
-    """
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        return list(pool.map(compute, *each))
-
-
-@contextmanager
-def blas_on_one_thread() -> Iterator[None]:
-    """BLAS starts no threads of its own inside.
-
-    On small matrices they cost more than they give: descriptors of 300 frames took 1.3 s of CPU time on
-    two threads, 0.3 s on one. And beside a pool of workers they fight over cores.
-    """
-    with threadpool_limits(1, user_api="blas"):
-        yield

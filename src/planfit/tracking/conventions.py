@@ -279,7 +279,7 @@ def best_convention(
     Beside the usual ones, the one asked for in a unit of its own, as the motions show it; and the poses of a
     body that carries the camera in any way (`mounts.py`), where these explain clearly more than all others.
 
-    The likelihood is that of `noise.py`, at the noise that suits each convention best. Steps between
+    The likelihood is that of `motions.py`, at the noise that suits each convention best. Steps between
     keyframes, where they are given, are as sure as `options` say.
 
     Raises:

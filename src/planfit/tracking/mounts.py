@@ -2,7 +2,7 @@
 
 The body moves by A where the camera moves by B, and A X = X B with X = body_from_cam (hand-eye calibration,
 Tsai and Lenz 1989). X is found by least squares over all motions at once, each by its covariance, as
-Strobl and Hirzinger (2006) weigh turn and arm, with the tails of `noise.py` for motions that are false.
+Strobl and Hirzinger (2006) weigh turn and arm, with the tails of `motions.py` for motions that are false.
 """
 
 import numpy as np

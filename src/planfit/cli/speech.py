@@ -1,0 +1,110 @@
+"""How much a command says, and where else: `-q`, `-v` and `--log FILE`, which every command takes.
+
+Nothing heavy is imported here.
+"""
+
+import shlex
+import sys
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+from planfit import __version__
+from planfit.errors import OptionError, printable
+
+FLAGS = {
+    "--verbose": "Say more: seconds of each stage, steps of the solver, where errors come from. Short: `-v`.",
+    "--quiet": "Say nothing but errors, and that a result is not to be used as it is. Short: `-q`.",
+    "--log": "`--log FILE` also appends all that is said to FILE, with versions, times of stages, and where "
+    "an error comes from.",
+}
+"""By their long names, which `_ALIASES` shorten."""
+_ALIASES = {"-v": "--verbose", "-q": "--quiet"}
+NAMES = (*FLAGS, *_ALIASES)
+
+
+@dataclass(frozen=True)
+class Speech:
+    """How much a command says."""
+
+    is_verbose: bool = False
+    is_quiet: bool = False
+    log: TextIO | None = None
+    """Open file that gets all that is said."""
+    command: str = ""
+    """The command line as it was typed."""
+
+    def error(self, words: str) -> None:
+        """One line on stderr; where the error in progress comes from too, where that was asked for."""
+        line = f"planfit: {printable(words)}"
+        print(line, file=sys.stderr)
+        if self.is_verbose:
+            traceback.print_exc()
+        if self.log is not None:
+            print(line, file=self.log)
+            traceback.print_exc(file=self.log)
+
+
+USUAL = Speech()
+
+
+def split_speech(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
+    """Words of a command line without those of `FLAGS`, and the values of these by their long names.
+
+    Raises:
+        OptionError: --log has no file behind it, another has a value, or both more and less are asked for.
+    """
+    rest, found = [], {}
+    waiting = iter(words)
+    for word in waiting:
+        name, _, value = word.partition("=")
+        name = _ALIASES.get(name, name)
+        if name not in FLAGS:
+            rest.append(word)
+            continue
+        if "=" in word and name != "--log":
+            raise OptionError(
+                f"{name}: expected no value behind it, found {value!r}; give {name} alone"
+            )
+        if name == "--log" and not value:
+            value = next(waiting, "")
+            if not value or value.startswith("-"):
+                raise OptionError("--log: expected a file behind it, found none; give --log FILE")
+        found[name] = value
+    if "--verbose" in found and "--quiet" in found:
+        raise OptionError("--quiet: expected it without --verbose, found both; leave one out")
+    return rest, found
+
+
+@contextmanager
+def speaking(flags: dict[str, str], command: Sequence[str]) -> Iterator[Speech]:
+    """How a command speaks while the context lasts.
+
+    Args:
+        flags: from `split_speech`.
+        command: the whole command line, for the log and the records of runs.
+
+    Raises:
+        OSError: the log cannot be written.
+    """
+    is_verbose, is_quiet = "--verbose" in flags, "--quiet" in flags
+    typed = f"planfit {shlex.join(command)}"
+    if "--log" not in flags:
+        yield Speech(is_verbose, is_quiet, command=typed)
+        return
+    with Path(flags["--log"]).open("a", encoding="utf-8", errors="backslashreplace") as log:
+        begin = time.perf_counter()
+        now = time.strftime("%Y-%m-%d %H:%M:%S %z")
+        print(f"{now} planfit {__version__}: {typed}", file=log)
+        print(f"Python {sys.version.split()[0]} on {sys.platform}", file=log, flush=True)
+        try:
+            yield Speech(is_verbose, is_quiet, log, typed)
+        except BaseException:
+            traceback.print_exc(file=log)
+            raise
+        finally:
+            print(f"ended after {time.perf_counter() - begin:.1f} s\n", file=log)
