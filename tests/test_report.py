@@ -654,3 +654,28 @@ def test_cross_sections_show_distance_and_height(floorplan):
     heights = by_face[3].after[:, 1]
     assert heights.min() > 0.5 - 1e-9
     assert heights.max() < 2.5 + 1e-9
+
+
+def test_words_are_legible_on_their_grounds_by_day_and_by_night(floorplan):
+    text = make_report("scan", floorplan, make_result(), "")
+    by_day, by_night = re.findall(r":root \{(.*?)\}", text, re.S)
+    colors = {}
+    for block in (by_day, by_night):
+        colors |= dict(re.findall(r"--(\w+): #(\w+);", block))
+        for ground in ("paper", "shade", "good", "fair", "bad", "off"):
+            assert contrast(colors["ink"], colors[ground]) >= 4.5
+        for words in ("soft", "before", "after", "worse"):
+            assert contrast(colors[words], colors["paper"]) >= 4.5
+
+
+def contrast(first, second):
+    """Of two colours in hexadecimal, by WCAG 2.2."""
+
+    def luminance(color):
+        wide = color if len(color) == 6 else "".join(2 * digit for digit in color)
+        parts = [int(wide[k : k + 2], 16) / 255 for k in (0, 2, 4)]
+        linear = [p / 12.92 if p <= 0.04045 else ((p + 0.055) / 1.055) ** 2.4 for p in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    dark, light = sorted((luminance(first), luminance(second)))
+    return (light + 0.05) / (dark + 0.05)

@@ -304,7 +304,15 @@ def test_a_page_around_it_is_told_the_point_that_was_pressed(view):
     assert view.card == ""  # neither a camera nor a wall was chosen
 
 
+def unfold(view):
+    """Open all sections of the page."""
+    view.browser.execute_script(
+        "document.querySelectorAll('details.section').forEach((section) => (section.open = true))"
+    )
+
+
 def test_frames_and_walls_are_pressed_in_tables_and_plots(view):
+    unfold(view)
     view.press("[data-wall='2'] button")
     assert "+7.0 cm" in view.card
     view.browser.execute_script("document.querySelector('footer').scrollIntoView()")
@@ -340,6 +348,7 @@ def press_map(view, x, y):
 
 def test_walls_are_pressed_on_the_map_of_walls_as_built(view):
     """A line is as thin as a hair: a finger beside it means it."""
+    unfold(view)
     for y in (DEPTH, DEPTH - 0.05):
         press_map(view, 4.0, y)
         assert "Wall No. 3 of the plan" in view.card
