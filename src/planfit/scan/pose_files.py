@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
 from planfit.scan.laser.cloud import MIN_SPAN_SHARE
-from planfit.scan.laser.trajectory import CLOCK_UNITS, TUM, clock_unit, named_columns, parse_columns
+from planfit.scan.laser.trajectory import CLOCK_UNITS, clock_unit
+from planfit.scan.pose_columns import TUM, named_columns, parse_columns
 from planfit.scan.poses import (
     are_of_a_clock,
     check_recorded_poses,
