@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from planfit.floorplan.raster.candidates import Candidate
+from planfit.floorplan.raster.candidates import Candidate, WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.mixed import with_other_styles
 
@@ -13,7 +13,7 @@ SHELL = shapely.box(0, 0, 600, 400).difference(shapely.box(20, 20, 580, 380))
 
 
 def interpretation(style: str, *walls: shapely.Polygon, score: float = 1000.0) -> Interpretation:
-    candidate = Candidate(style, np.zeros((4, 4), np.uint8), "edge", 0.5, 0.0, 1.0)
+    candidate = Candidate(WallStyle(style), np.zeros((4, 4), np.uint8), "edge", 0.5, 0.0, 1.0)
     return Interpretation(candidate, walls, (), 20.0, score, 0.9)
 
 

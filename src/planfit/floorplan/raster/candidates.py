@@ -1,6 +1,7 @@
 """What a picture's walls may be: one mask for each way of drawing them that the picture could show."""
 
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Literal
 
 import cv2
@@ -33,12 +34,30 @@ _MAX_LINE_SHARE = 0.02
 """Of the length of all strokes, what may be thin in a picture of walls alone: ends and corners."""
 
 
+class WallStyle(StrEnum):
+    """How walls are drawn, in words."""
+
+    BLACK = "solid black"
+    BLACK_ALONE = "solid black, nothing else drawn"
+    GREY = "solid grey"
+    OUTLINED = "filled, outlined"
+    HATCHED = "hatched"
+    LINES = "double lines"
+    CLOSED_LINES = "double lines, closed"
+    GIVEN = "as given"
+
+    @property
+    def family(self) -> "WallStyle":
+        """Styles that are found in several ways are one."""
+        of_several = {self.BLACK_ALONE: self.BLACK, self.CLOSED_LINES: self.LINES}
+        return of_several.get(self, self)
+
+
 @dataclass(frozen=True)
 class Candidate:
     """A mask of what may be wall, drawn in one style."""
 
-    style: str
-    """In words."""
+    style: WallStyle
     mask: UInt8[np.ndarray, "h w"]
     """1 where there is wall."""
     edge: Edge
@@ -69,7 +88,7 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     if cells.any():
         grow = line_px / 2
         result.append(
-            Candidate("double lines, closed", closed(cells, 2), "stroke", LINE, grow, 1.0)
+            Candidate(WallStyle.CLOSED_LINES, closed(cells, 2), "stroke", LINE, grow, 1.0)
         )
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
@@ -78,7 +97,7 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     for inside in between_lines(line_work, bars):
         grow = line_px / 2
         result.append(
-            Candidate("double lines", inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
+            Candidate(WallStyle.LINES, inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
         )
     return result
 
@@ -137,7 +156,9 @@ def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) ->
     if not widths or min(widths) > _COARSE_SHARE * extent:
         # Where lines are pale, the usual width is that of partitions, and all of them would be left out.
         widths += _FINE_PX
-    return [Candidate("solid black", opened(ink, size), "edge", INK, 0.0, size) for size in widths]
+    return [
+        Candidate(WallStyle.BLACK, opened(ink, size), "edge", INK, 0.0, size) for size in widths
+    ]
 
 
 def _is_bare(mask: UInt8[np.ndarray, "h w"], extent: float) -> bool:
@@ -182,7 +203,7 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
             strokes = (darkness > tone + _DARKER).astype(np.uint8)
             stroke_px = min(line_px, find_line_work(strokes, max(int(extent / 14), 6)).line_px)
             mask = _inside_outlines(darkness, tone, fill, stroke_px)
-            result.append(Candidate("filled, outlined", mask, "stroke", LINE, stroke_px / 2, 3.0))
+            result.append(Candidate(WallStyle.OUTLINED, mask, "stroke", LINE, stroke_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
             mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)
@@ -194,7 +215,7 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
             for one in masks:
                 for size in _least_widths(one, line_px, extent)[:3]:
                     result.append(
-                        Candidate("solid grey", opened(one, size), "edge", tone / 2, 0.0, size)
+                        Candidate(WallStyle.GREY, opened(one, size), "edge", tone / 2, 0.0, size)
                     )
     return result
 
@@ -226,7 +247,7 @@ def _hatched(
         least = int(max(size, 2 * line_work.line_px)) + 1
         walls = fill_hatching(lines, line_work, empty, size, least)
         result.append(
-            Candidate("hatched", walls.mask, "stroke", LINE, walls.grow_px, least,
+            Candidate(WallStyle.HATCHED, walls.mask, "stroke", LINE, walls.grow_px, least,
                       hatched_share=walls.share)
         )  # fmt: skip
         size = int(np.ceil(1.8 * size))

@@ -6,16 +6,22 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.candidates import (
+    LINE,
+    Candidate,
+    WallStyle,
+    find_candidates,
+    find_extent,
+)
 from planfit.floorplan.raster.ink import ink_share, stroke_length
 from planfit.floorplan.raster.interpretation import Interpretation, interpret
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.mixed import LEAST_SHARE, with_other_styles
 
 _FACTORS = {
-    "filled, outlined": 1.15,  # says more of the drawing than the other interpretations of the same walls
-    "double lines": 0.6,  # furniture and dimensions have parallel lines too
-    "double lines, closed": 0.8,  # furniture is closed too, but little of it is so long and thin
+    WallStyle.OUTLINED: 1.15,  # says more of the drawing than the other interpretations of the same walls
+    WallStyle.LINES: 0.6,  # furniture and dimensions have parallel lines too
+    WallStyle.CLOSED_LINES: 0.8,  # furniture is closed too, but little of it is so long and thin
 }
 _BASES, _LEAST_BASE = 4, 0.3
 """So many interpretations, of this share of the best one's score at least, are looked at for walls that
@@ -73,7 +79,7 @@ def with_paler_walls(
     found = with_other_styles(alone, weighed, extent_px)
     # With others beside, something else was drawn after all.
     return (
-        replace(found, candidate=replace(alone.candidate, style="solid black"))
+        replace(found, candidate=replace(alone.candidate, style=WallStyle.BLACK))
         if found.beside
         else alone
     )
@@ -84,8 +90,8 @@ def _weighed(candidates: list[Candidate], extent_px: float) -> list[Interpretati
     found = [interpret(candidate, extent_px) for candidate in candidates]
     outlined = [
         max(alike, key=lambda one: one.score)
-        for style in ("double lines", "filled, outlined")
-        if (alike := [one for one in found if one.candidate.style.startswith(style) and one.walls])
+        for style in (WallStyle.LINES, WallStyle.OUTLINED)
+        if (alike := [one for one in found if one.candidate.style.family is style and one.walls])
     ]
     return [replace(one, score=one.score * _style_factor(one, outlined)) for one in found]
 
@@ -96,9 +102,9 @@ def _style_factor(found: Interpretation, outlined: list[Interpretation]) -> floa
     `outlined` are the best ones of walls with outlines, which may have been taken for solid walls.
     """
     candidate = found.candidate
-    if candidate.style.startswith("solid"):
+    if candidate.style.family in (WallStyle.BLACK, WallStyle.GREY):
         return 1.0 - max((_outline_share(found, other) for other in outlined), default=0.0)
-    if candidate.style == "hatched":
+    if candidate.style is WallStyle.HATCHED:
         # Filling gaps makes walls of other things too, unless the same lines fill them everywhere.
         return 0.5 + 0.6 * candidate.hatched_share
     return _FACTORS[candidate.style]

@@ -6,10 +6,9 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from planfit.floorplan.raster.candidates import LINE
+from planfit.floorplan.raster.candidates import LINE, WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.walls_alone import STYLE
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 
@@ -62,7 +61,7 @@ def dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, .
     length = sum(region.length for region in interpretation.dropped) / 2 * shrink
     kind = (
         "specks"
-        if interpretation.candidate.style == STYLE
+        if interpretation.candidate.style is WallStyle.BLACK_ALONE
         else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
         "frames)"
     )
@@ -90,7 +89,7 @@ def with_account(
     read = f"{100 * ink.share:.0f} % of the ink is read as wall"
     left_px = round(ink.left_px * shrink)
     words = f"{read}; strokes of {left_px} px in all are not" if left_px else "no ink: all is wall"
-    if left_px and interpretation.candidate.style != STYLE:
+    if left_px and interpretation.candidate.style is not WallStyle.BLACK_ALONE:
         words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
     warnings = source.warnings
     if ink.share < _DOUBTFUL_SHARE:

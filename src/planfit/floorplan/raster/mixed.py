@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.columns import ELONGATED
 from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
     measure_forms,
@@ -34,7 +35,6 @@ _STRAIGHT = 0.7
 _ALIKE = 2.0
 """Walls of one style are up to so many times as thick as most of them, or as thin: what differs more is
 furniture, unless it is solid black beside paler walls, as the flat that is sold is among its neighbours."""
-SOLID_BLACK = "solid black"
 LEAST_SHARE = 0.15
 """Of the score of one style, what walls of others add at least: less is furniture more often than wall."""
 _MOST_STYLES = 3
@@ -79,7 +79,8 @@ def _walls_beside(
         extent_px: of the drawing.
     """
     nothing = replace(other, walls=(), score=0.0)
-    if not other.walls or _family(other) in map(_family, base.parts):
+    families = {part.candidate.style.family for part in base.parts}
+    if not other.walls or other.candidate.style.family in families:
         return nothing
     # Strokes of outlines lie between the walls of two styles.
     reach_px = _TOUCHING_PX + 2 * max(base.candidate.grow_px, other.candidate.grow_px, 0.0)
@@ -94,7 +95,7 @@ def _walls_beside(
         shapely.boundary(pieces), shapely.buffer(around, 1.0, join_style="mitre")
     )
     is_wall &= shapely.length(beside) < _MOST_CONTACT * outline
-    is_black = _family(other) == SOLID_BLACK
+    is_black = other.candidate.style.family is WallStyle.BLACK
     across = _gaps(shapely.union_all(_valid(other.walls)), other.thickness_px) if is_black else None
     is_wall &= _hang_together(pieces, is_wall, around, reach_px, across)
     if not is_wall.any():
@@ -113,11 +114,6 @@ def _walls_beside(
         thickness_px=usual,
         score=min(share, 1.0) * other.score,
     )
-
-
-def _family(part: Interpretation) -> str:
-    """Double lines, closed or not, are one way to draw walls."""
-    return part.candidate.style.split(",")[0]
 
 
 def _worth(walls: Sequence[shapely.Polygon], thickness_px: float, extent_px: float) -> float:

@@ -17,7 +17,13 @@ from planfit.floorplan.plans_on_sheet import (
     storey_words,
     storeys_warning,
 )
-from planfit.floorplan.raster.candidates import LINE, Candidate, find_candidates, find_extent
+from planfit.floorplan.raster.candidates import (
+    LINE,
+    Candidate,
+    WallStyle,
+    find_candidates,
+    find_extent,
+)
 from planfit.floorplan.raster.choice import choose, with_paler_walls
 from planfit.floorplan.raster.doubts import find_doubts, surroundings_words
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
@@ -45,7 +51,7 @@ from planfit.floorplan.raster.sheet_marks import (
     without_signs,
 )
 from planfit.floorplan.raster.trace import settle_faces
-from planfit.floorplan.raster.walls_alone import STYLE, find_walls_alone
+from planfit.floorplan.raster.walls_alone import find_walls_alone
 from planfit.floorplan.raster.words import count_words
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
@@ -110,7 +116,7 @@ def plan_of_picture(
             small, interpretation = _interpreted(_shrunk(upright.darkness, shrink), upright)
     else:
         rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
-        given = Candidate("as given", (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
+        given = Candidate(WallStyle.GIVEN, (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
     interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
@@ -148,7 +154,7 @@ def _are_lines_touching(interpretation: Interpretation) -> bool:
     """Whether walls are drawn as two lines one pixel wide: what is between them is then half on the lines'
     own pixels, and a thin wall one bar hardly wider than a line."""
     candidate = interpretation.candidate
-    return candidate.style.startswith("double lines") and candidate.grow_px <= 0.5
+    return candidate.style.family is WallStyle.LINES and candidate.grow_px <= 0.5
 
 
 def _with_words_seen(plan: Floorplan, small: Float[np.ndarray, "h w"]) -> Floorplan:
@@ -221,7 +227,9 @@ def _checked(
     if interpretation.candidate.edge != "mask":
         if interpretation.straight_share < _LEAST_STRAIGHT:
             raise _no_walls(name, "shapes without straight sides")
-        is_alone = interpretation.candidate.style == STYLE  # of which straightness is asked before
+        is_alone = (
+            interpretation.candidate.style is WallStyle.BLACK_ALONE
+        )  # of which straightness is asked before
         if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
     length = float(sum(shapely.length(np.array(interpretation.all_walls, dtype=object))))
@@ -298,7 +306,9 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
 
 def _faces_of_style(part: Interpretation) -> RegionFaces:
     # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
-    least_px = 3.0 if part.candidate.style == STYLE else max(0.5 * part.thickness_px, 5.0)
+    least_px = (
+        3.0 if part.candidate.style is WallStyle.BLACK_ALONE else max(0.5 * part.thickness_px, 5.0)
+    )
     return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
 
 

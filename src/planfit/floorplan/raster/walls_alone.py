@@ -13,13 +13,12 @@ from shapely.geometry.base import BaseGeometry
 from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import weighted_median
-from planfit.floorplan.raster.candidates import INK, LINE, Candidate
+from planfit.floorplan.raster.candidates import INK, LINE, Candidate, WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation, straight_length
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 
-STYLE = "solid black, nothing else drawn"
 _MOST_TWINS, _MOST_TWINS_TINY = 0.18, 0.13
 """Between 0.09 (the most of masks) and 0.28 (the least of drawings), see `twin_share`; in tiny drawings that
 were enlarged, words are blots without twins: one of 435 px has 0.17, of 290 px 0.14, masks 0.04."""
@@ -93,7 +92,7 @@ def find_walls_alone(
     share = straight / float(length.sum())
     if share < _LEAST_STRAIGHT:
         return None
-    candidate = Candidate(STYLE, mask, "edge", INK, 0.0, 2.0)
+    candidate = Candidate(WallStyle.BLACK_ALONE, mask, "edge", INK, 0.0, 2.0)
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
 
 
