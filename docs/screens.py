@@ -109,6 +109,10 @@ class Page:
         """Scroll to something."""
         self.run(f"document.querySelector('{selector}').scrollIntoView({{block: '{block}'}})")
 
+    def unfold(self) -> None:
+        """Open all sections."""
+        self.run("document.querySelectorAll('details.section').forEach((s) => (s.open = true))")
+
     def press(self, selector: str) -> None:
         """Press a control."""
         self.run(f"document.querySelector('{selector}').click()")
@@ -312,11 +316,14 @@ def save(name: str, image: Image.Image) -> None:
 def gallery(drift: Path, wrong: Path) -> None:
     """The report's parts, at a desk and on a phone."""
     with driven_chromium("--force-prefers-reduced-motion") as browser:
-        set_size(browser, 1100, 760)
+        set_size(browser, 1400, 900)
         page = Page(browser, (drift / "report.html").as_uri())
-        page.show("h1")
         page.settle()
         save("verdict", page.picture())
+        set_size(browser, 400, 800)
+        page.settle()
+        save("verdict_phone", page.picture())
+        set_size(browser, 1100, 760)
         page.show(".view-tools")
         page.press("input[value=wipe]")
         page.settle()
@@ -335,6 +342,7 @@ def gallery(drift: Path, wrong: Path) -> None:
         save("phone", page.picture())
         set_size(browser, 1100, 860)
         page = Page(browser, (wrong / "report.html").as_uri())
+        page.unfold()
         page.show("section.as-built")
         page.settle()
         save("as_built", page.picture())
