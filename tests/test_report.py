@@ -546,12 +546,12 @@ def test_walls_are_listed_by_support_with_their_offset(floorplan):
     assert [(face.face_idx, face.n_patches) for face in faces] == [(0, 4), (1, 4), (2, 3), (3, 3)]
     assert [face.number for face in faces] == [1, 2, 3, 4]
     assert faces[0].agrees
-    assert faces[1].verdict == f"displaced by 7.0{formatting.SPACE}cm into the room"
-    assert faces[2].verdict == f"displaced by 12.0{formatting.SPACE}cm into the wall"
+    assert faces[1].verdict == f"moved by 7.0{formatting.SPACE}cm into the room"
+    assert faces[2].verdict == f"moved by 12.0{formatting.SPACE}cm into the wall"
     assert faces[0].length == WIDTH
     words = read(floorplan, result).words
     assert "Of 4 walls of the plan that were seen, 2 agree with the scan within 5 cm." in words
-    assert "2 lie elsewhere: No. 3 (displaced by 12.0 cm into the wall), No. 2" in words
+    assert "2 lie elsewhere: No. 3 (moved by 12.0 cm into the wall), No. 2" in words
 
 
 def test_mad_is_the_median_deviation(floorplan):
@@ -566,14 +566,14 @@ def test_few_patches_do_not_tell_of_a_displacement(floorplan):
         floorplan, walls_of(floorplan, Association(np.array([1]), np.array([0.2])))
     )
     assert not face.agrees
-    assert not face.is_displaced
+    assert not face.is_moved
     assert "only 1 patch" in face.verdict
 
 
 def test_a_face_with_unknown_side_has_no_direction(floorplan):
     plan = replace(floorplan, is_oriented=np.full(4, False))
     (face,) = seen_faces(plan, walls_of(plan, Association(np.zeros(3, dtype=int), np.full(3, 0.2))))
-    assert face.verdict == f"displaced by 20.0{formatting.SPACE}cm"
+    assert face.verdict == f"moved by 20.0{formatting.SPACE}cm"
 
 
 def test_statistics_costs_and_times_are_listed(floorplan):

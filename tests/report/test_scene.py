@@ -154,10 +154,10 @@ def test_without_alignment_neither_walls_nor_distances_are_shown():
 def test_walls_say_what_the_table_says():
     scene, _ = room_scene(offsets=(0.0, 0.0, 0.07, -0.12))
     by_face = {wall.face_idx: wall for wall in scene.walls}
-    assert [by_face[k].status for k in range(4)] == ["agrees", "agrees", "displaced", "displaced"]
+    assert [by_face[k].status for k in range(4)] == ["agrees", "agrees", "moved", "moved"]
     rows = dict(by_face[3].rows)
     assert rows["Offset"] == "\u221212.0\u00a0cm"
-    assert rows["Verdict"] == "displaced by 12.0\u00a0cm into the wall"
+    assert rows["Verdict"] == "moved by 12.0\u00a0cm into the wall"
     assert by_face[3].title == "Wall No. 4 of the plan"
 
 
@@ -173,7 +173,7 @@ def test_walls_have_the_colours_of_their_verdicts():
     )
     bounds = np.array([[0.0, 0.0, 0.0], [8.0, 6.0, 2.5]])
     found = scene_walls(plan, result, bounds, AsBuilt(walls, AsBuiltOptions()))
-    assert [wall.status for wall in found] == ["missing", "unseen", "displaced", "agrees"]
+    assert [wall.status for wall in found] == ["missing", "unseen", "moved", "agrees"]
     for wall, verdict in zip(found, verdicts, strict=False):
         assert verdict.value in dict(wall.rows)["As built"]
     assert "As built" not in dict(found[3].rows)

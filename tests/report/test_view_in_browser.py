@@ -258,7 +258,7 @@ def test_pressing_a_wall_shows_its_offset_and_its_points(view):
     view.press_plan(0.0, DEPTH / 2)
     assert "Wall No. 4 of the plan" in view.card
     assert "\u221212.0 cm" in view.card
-    assert "displaced by 12.0 cm into the wall" in view.card
+    assert "moved by 12.0 cm into the wall" in view.card
     pixels = view.pixels()
     # Points of the wall go from blue towards grey at 12 of 20 cm behind it; all others fade.
     assert changed(without, pixels) > 0.2
@@ -377,7 +377,7 @@ def test_walls_in_3d_have_the_verdicts_of_the_tolerance_that_is_chosen(view):
     # The wall of +7 cm agrees within 10 cm, that of -12 cm does not.
     assert "agrees: off by +0.070 m" in view.card
     status = "return document.getElementById('view').view.scene.walls.map((wall) => wall.status)"
-    assert view.browser.execute_script(status) == ["agrees"] * 3 + ["displaced", "new"]
+    assert view.browser.execute_script(status) == ["agrees"] * 3 + ["moved", "new"]
     assert np.abs(before - after).max() > 60
 
 

@@ -43,7 +43,7 @@ class SeenFace:
         return abs(self.offset) <= AGREES_WITHIN_M
 
     @property
-    def is_displaced(self) -> bool:
+    def is_moved(self) -> bool:
         """Whether enough patches say that it does not."""
         return not self.agrees and self.n_patches >= FEW_PATCHES
 
@@ -53,7 +53,7 @@ class SeenFace:
         if self.agrees:
             words = f"agrees within {100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm"
         else:
-            words = f"displaced by {formatting.centimetres(abs(self.offset))}"
+            words = f"moved by {formatting.centimetres(abs(self.offset))}"
             if self.is_oriented:
                 words += " into the room" if self.offset > 0 else " into the wall"
         if self.n_patches < FEW_PATCHES:

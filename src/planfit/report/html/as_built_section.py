@@ -31,7 +31,7 @@ from planfit.report.walls import SeenFace
 
 COLORS = {
     Verdict.AGREES: colors.AGREES,
-    Verdict.MOVED: colors.DISPLACED,
+    Verdict.MOVED: colors.MOVED,
     Verdict.MISSING: colors.BEFORE,
     Verdict.NEW: colors.UNMATCHED,
     Verdict.NOT_SEEN: colors.NOT_SEEN,

@@ -104,10 +104,10 @@ def walls(
     association = result.adjustment.association
     n_lost = n_patches - association.n_associated
     keys = (
-        (colors.AGREES, "agrees with the scan"),
-        (colors.DISPLACED, "scanned elsewhere, with its number"),
+        (colors.AGREES, "agrees"),
+        (colors.MOVED, "moved, with its number"),
         (colors.UNMATCHED, "scanned, but not on the plan"),
-        (colors.NOT_SEEN, "drawn, but not scanned"),
+        (colors.NOT_SEEN, "not seen"),
     )
     legend = " ".join(
         f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
@@ -192,18 +192,16 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     if not faces:
         return "No wall of the plan was recognised in the scan."
     agree = sum(face.agrees for face in faces)
-    displaced = sorted((f for f in faces if f.is_displaced), key=lambda f: -abs(f.offset))
-    few = len(faces) - agree - len(displaced)
+    moved = sorted((f for f in faces if f.is_moved), key=lambda f: -abs(f.offset))
+    few = len(faces) - agree - len(moved)
     parts = [
         f"Of {len(faces)} walls of the plan that were seen, {agree} agree with the scan within "
         f"{100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm."
     ]
-    if displaced:
-        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in displaced[:3])
-        more = " and others" if len(displaced) > 3 else ""
-        parts.append(
-            f"{len(displaced)} {plural(len(displaced), 'lies', 'lie')} elsewhere: {told}{more}."
-        )
+    if moved:
+        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in moved[:3])
+        more = " and others" if len(moved) > 3 else ""
+        parts.append(f"{len(moved)} {plural(len(moved), 'lies', 'lie')} elsewhere: {told}{more}.")
     if few:
         parts.append(
             f"{few} {plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "

@@ -19,8 +19,8 @@ SCRIPTS = (
 """In the order in which they build on each other."""
 
 _WALL_COLORS = (
-    (colors.AGREES, "wall agrees"),
-    (colors.DISPLACED, "scanned elsewhere"),
+    (colors.AGREES, "agrees"),
+    (colors.MOVED, "moved"),
     (colors.BEFORE, "missing"),
     (colors.UNMATCHED, "new, or too little seen"),
     (colors.NOT_SEEN, "not seen"),

@@ -87,16 +87,16 @@ def wall_map(
     _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
     axes.lines(floorplan.ends, colors.NOT_SEEN, 0.7)
     axes.lines(ends[result.adjustment.association.face_idx < 0], colors.UNMATCHED, 1.2)
-    for is_displaced, color, line_pt in (
+    for is_moved, color, line_pt in (
         (False, colors.AGREES, 1.8),
-        (True, colors.DISPLACED, 2.2),
+        (True, colors.MOVED, 2.2),
     ):
-        chosen = [face.face_idx for face in faces if face.is_displaced == is_displaced]
+        chosen = [face.face_idx for face in faces if face.is_moved == is_moved]
         axes.lines(floorplan.ends[chosen], color, line_pt)
     for face in faces:
-        if face.is_displaced and crop.contains(np.array([face.middle_xy]))[0]:
+        if face.is_moved and crop.contains(np.array([face.middle_xy]))[0]:
             x, y = axes.at(np.array(face.middle_xy)).tolist()
-            draw_label(axes, str(face.number), (x + 5, y - 5), colors.DISPLACED, colors.PAPER, 0.85)
+            draw_label(axes, str(face.number), (x + 5, y - 5), colors.MOVED, colors.PAPER, 0.85)
     finish_view(axes, True)
     drawing.clicks = axes.clicks("walls")
     return drawing

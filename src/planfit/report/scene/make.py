@@ -33,7 +33,7 @@ _MARGIN_M = 3.0
 _LEAST_LENGTH_M = 0.02
 _STATUS = {
     Verdict.AGREES: "agrees",
-    Verdict.MOVED: "displaced",
+    Verdict.MOVED: "moved",
     Verdict.MISSING: "missing",
     Verdict.NOT_SEEN: "unseen",
 }
@@ -258,7 +258,7 @@ def _wall(
     status, title = "unseen", "A wall of the plan, not seen"
     rows: tuple[tuple[str, str], ...] = (length,)
     if seen is not None:
-        status = "agrees" if seen.agrees else "displaced" if seen.is_displaced else "few"
+        status = "agrees" if seen.agrees else "moved" if seen.is_moved else "few"
         title = f"Wall No. {seen.number} of the plan"
         rows = (
             ("Verdict", seen.verdict),

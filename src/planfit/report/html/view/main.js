@@ -211,11 +211,10 @@ class View {
 
   // Another tolerance was chosen on the page: walls have the verdicts of its table.
   judge(verdicts) {
-    const status = { agrees: "agrees", moved: "displaced" };
     for (const wall of this.scene.walls) {
       const found = verdicts.get(String(wall.face));
       if (!found) continue;
-      wall.status = status[found.verdict];
+      wall.status = found.verdict;
       wall.rows = wall.rows.map(([name, words]) => [name, name === "As built" ? found.words : words]);
     }
     this.renderer?.uploadWalls();
