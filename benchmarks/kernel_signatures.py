@@ -14,7 +14,7 @@ from typing import Any
 from numba.core.dispatcher import Dispatcher
 
 from planfit.cli import run
-from planfit.compiled.ready_files import LISTED, line_of, listed_lines
+from planfit.compiled.signatures import LISTED, line_of, listed_lines
 
 called: dict[str, None] = {}
 """Lines of kernels that were asked for by Python, not by other kernels while they were compiled."""

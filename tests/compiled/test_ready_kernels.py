@@ -16,16 +16,8 @@ from numba.core import event
 from planfit.compiled import decorator, making, ready_files
 from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
-from planfit.compiled.ready_files import (
-    BLOBS,
-    INDEX,
-    Ready,
-    line_of,
-    listed_lines,
-    parse_line,
-    read_ready,
-    write_ready,
-)
+from planfit.compiled.ready_files import BLOBS, INDEX, Ready, read_ready, write_ready
+from planfit.compiled.signatures import line_of, listed_lines, parse_line
 from planfit.errors import OutputError
 
 PLAIN = "planfit.matching.pair_kernels.take_within_budget int64[2,C] int64 int64[1,C]"

@@ -20,7 +20,8 @@ from numba.core.codegen import get_host_cpu_features
 from numba.core.compiler import CompileResult
 from numba.core.dispatcher import Dispatcher
 
-from planfit.compiled.ready_files import Made, Ready, line_of, read_ready, source_digest
+from planfit.compiled.ready_files import Made, Ready, read_ready, source_digest
+from planfit.compiled.signatures import line_of
 
 READY = Path(__file__).with_name("ready")
 """Where kernels lie that were compiled before; no part of the sources."""

@@ -23,7 +23,8 @@ from numba.core.dispatcher import Dispatcher
 
 from planfit.compiled import decorator
 from planfit.compiled.decorator import ready_here, set_cache, settings_of_the_level, what_is_here
-from planfit.compiled.ready_files import Ready, listed_lines, parse_line, read_ready, write_ready
+from planfit.compiled.ready_files import Ready, read_ready, write_ready
+from planfit.compiled.signatures import listed_lines, parse_line
 from planfit.errors import OutputError
 
 COMPILING = "compile once, a minute or two"

@@ -7,27 +7,14 @@ Nothing but the standard library is needed here: the build of a wheel reads them
 
 import hashlib
 import json
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from numba import types
-
 INDEX, BLOBS = "index.json", "kernels.bin"
 _FORMAT = 1
 """Of both files; another one is not read."""
-LISTED = Path(__file__).with_name("signatures.txt")
-"""What runs call: recorded by benchmarks/kernel_signatures.py, to be compiled ahead of them."""
-_SCALARS: dict[str, types.Type] = {
-    str(kind): kind
-    for kind in (
-        *(types.boolean, types.float32, types.float64),
-        *(types.int8, types.int16, types.int32, types.int64),
-        *(types.uint8, types.uint16, types.uint32, types.uint64),
-    )
-}
 
 
 @dataclass(frozen=True)
@@ -154,57 +141,3 @@ def write_ready(folder: Path, made: Made, wheel_tag: str, blobs: Mapping[str, by
         with part.open("wb") as file:
             file.writelines(parts)
         part.replace(folder / name)
-
-
-def listed_lines() -> list[str]:
-    """The lines of `signatures.txt`, without its comments."""
-    lines = LISTED.read_text(encoding="utf-8").splitlines()
-    return [line for line in lines if line and not line.startswith("#")]
-
-
-def line_of(kernel: str, signature: Sequence[types.Type]) -> str:
-    """A kernel, by its full name, and the types of its arguments; empty for types that no line tells."""
-    words = [_word(each) for each in signature]
-    return " ".join([kernel, *words]) if all(words) else ""
-
-
-def parse_line(line: str) -> tuple[str, tuple[types.Type, ...]]:
-    """Name of the kernel and types of its arguments.
-
-    Raises:
-        ValueError: it is no such line.
-    """
-    name, *words = re.findall(r"[^\s()\[\]]+(?:\[[^\]]*\])?|[()]", line)
-    return name, _types(words, line)
-
-
-def _word(kind: types.Type) -> str:
-    if str(kind) in _SCALARS:
-        return str(kind)
-    if type(kind) is types.Array and str(kind.dtype) in _SCALARS and kind.aligned:
-        return f"{kind.dtype}[{kind.ndim},{kind.layout}{'' if kind.mutable else ',ro'}]"
-    if isinstance(kind, types.Tuple | types.UniTuple):
-        words = [_word(each) for each in kind]
-        return f"({' '.join(words)})" if all(words) else ""
-    return ""
-
-
-def _types(words: list[str], line: str) -> tuple[types.Type, ...]:
-    """Types of words; those up to a closing parenthesis are taken out of the list."""
-    found: list[types.Type] = []
-    while words:
-        word = words.pop(0)
-        array = re.fullmatch(r"(\w+)\[(\d),([CFA])(,ro)?\]", word)
-        if word == ")":
-            break
-        if word == "(":
-            found.append(types.Tuple(_types(words, line)))
-        elif array and array[1] in _SCALARS:
-            found.append(
-                types.Array(_SCALARS[array[1]], int(array[2]), array[3], readonly=bool(array[4]))
-            )
-        elif word in _SCALARS:
-            found.append(_SCALARS[word])
-        else:
-            raise ValueError(f"{line!r}: expected the type of an argument, found {word!r}")
-    return tuple(found)
