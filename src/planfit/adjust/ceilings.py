@@ -1,4 +1,10 @@
-"""Ceilings: which one each frame sees, and whether two heights are one ceiling under drift."""
+"""Ceilings: which one each frame sees, and whether two heights are one ceiling under drift.
+
+Where cameras look level, floor is seldom seen and ceilings alone hold heights. Poses that drifted by half a
+metre show one ceiling at two heights, and held there each, the drift stays. Frames on the way from one height
+to the other tell: between two ceilings there is none, between two ends of a drift there are all heights. So
+both are solved, without the plan, and the one that costs less stands.
+"""
 
 from dataclasses import replace
 from itertools import pairwise

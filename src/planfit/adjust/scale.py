@@ -1,4 +1,9 @@
-"""What the scan says of its plan: its scale where it has no unit, and how thick its lines stand for."""
+"""What the scan says of its plan: its scale where it has no unit, and how thick its lines stand for.
+
+One thickness for all lines is found with the alignment; partitions are thinner than outer walls, though. Once
+poses are adjusted, the faces may leave their common thickness, together with the poses and, where the plan
+has no unit, with its scale: thick walls leave rooms too small, and so does a wrong scale.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

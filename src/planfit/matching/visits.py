@@ -1,4 +1,11 @@
-"""Visits: pairs of frames that say the same of two stretches of the walk, and whether images misled them."""
+"""Visits: pairs of frames that say the same of two stretches of the walk, and whether images misled them.
+
+Where the same picture hangs four times on a wall, or on the next wall, keypoints of one agree with those of
+the other: a motion a metre or a quarter turn off, with as many matches as the right one. It is doubted only
+where measured and recorded motion contradict each other. Where the recorded motion has the two views overlap,
+the rest of the views tells which of both is right. Where it does not, the recorded steps tell: who jumps does
+so in one step, and a jump of that size among usual steps is long.
+"""
 
 from dataclasses import replace
 

@@ -35,10 +35,10 @@ _OUTSIDE_NAMES = """
 OUTSIDE = frozenset(_OUTSIDE_NAMES.split())
 """Kinds of polygons beside rooms in files that name no room in English."""
 _IMDF_PARTS = ("unit", "opening", "level", "fixture")
-MAX_ARCHIVE_BYTES = 200_000_000
-MAX_DEGREES = 0.1
+_MAX_ARCHIVE_BYTES = 200_000_000
+_MAX_DEGREES = 0.1
 """Wider than 11 km is no building: the coordinates are no degrees."""
-LIKELY_SIZE_M = BUILDING_USUAL_SIZE_M.value
+_LIKELY_SIZE_M = BUILDING_USUAL_SIZE_M.value
 """Of a plan whose unit is unknown; used for tolerances alone."""
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 
@@ -113,9 +113,9 @@ def load_collections(path: Path) -> tuple[list[tuple[str, Any]], str]:
         with zipfile.ZipFile(path) as archive:
             infos = [i for i in archive.infolist() if Path(i.filename).stem in _IMDF_PARTS]
             infos = [i for i in infos if i.filename.lower().endswith((".geojson", ".json"))]
-            if sum(i.file_size for i in infos) > MAX_ARCHIVE_BYTES:
+            if sum(i.file_size for i in infos) > _MAX_ARCHIVE_BYTES:
                 raise FloorplanError(
-                    f"{path}: expected an IMDF archive of at most {MAX_ARCHIVE_BYTES // 10**6} MB, "
+                    f"{path}: expected an IMDF archive of at most {_MAX_ARCHIVE_BYTES // 10**6} MB, "
                     "found more; unpack the building you need"
                 )
             loaded = [(Path(i.filename).stem, _parsed(path, archive.read(i))) for i in infos]
@@ -184,7 +184,7 @@ def local_frame(
     has_crs = any("crs" in data and "CRS84" not in str(data["crs"]) and "4326" not in str(data["crs"])
                   for _, data in collections)  # fmt: skip
     in_range = (np.abs([low, high]) <= (180.0, 90.0)).all()
-    if options.unit == "unknown" or has_crs or not in_range or (high - low).max() > MAX_DEGREES:
+    if options.unit == "unknown" or has_crs or not in_range or (high - low).max() > _MAX_DEGREES:
         found = (
             "another system of coordinates" if has_crs
             else f"{(high - low).max():.4g} degrees of extent" if in_range
@@ -195,7 +195,7 @@ def local_frame(
             "give --unit or --scale"
         )
         warnings = () if options.unit == "unknown" else (warning,)
-        likely_metre = float((high - low).max()) / LIKELY_SIZE_M
+        likely_metre = float((high - low).max()) / _LIKELY_SIZE_M
         return LocalFrame(low, np.ones(2), "unknown", "", False, warnings, likely_metre)
     latitude = np.deg2rad(middle[1])
     eccentricity_sq = _FLATTENING * (2 - _FLATTENING)

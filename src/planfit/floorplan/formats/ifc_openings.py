@@ -1,4 +1,8 @@
-"""Doors and windows of an IFC model: where walls would go on without them, and what fills them."""
+"""Doors and windows of an IFC model: where walls would go on without them, and what fills them.
+
+What is glass, which depth cameras look through, a model says by its materials, else by the names of its
+elements and their types. What a curtain wall has no material for is glass, but for its posts and rails.
+"""
 
 import re
 from collections import Counter

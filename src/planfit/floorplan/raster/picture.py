@@ -141,6 +141,14 @@ def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:
     return Upright(rotated, matrix, skew_deg)
 
 
+def rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
+    """A picture rotated as the upright one was."""
+    if upright.skew_deg == 0.0:
+        return values
+    h, w = upright.darkness.shape
+    return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
+
+
 def find_skew_deg(darkness: Float[np.ndarray, "h w"]) -> float:
     """Angle in (-45, 45] that most long lines make with the axes, counter-clockwise as seen."""
     shrink = max(1.0, max(darkness.shape) / 1600)

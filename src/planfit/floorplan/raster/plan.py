@@ -42,6 +42,7 @@ from planfit.floorplan.raster.picture import (
     make_darkness,
     make_upright,
     moved_from,
+    rotated,
 )
 from planfit.floorplan.raster.sheet_marks import (
     SIGN_WORDS,
@@ -105,7 +106,7 @@ def plan_of_picture(
         wall_mask.astype(np.float32))  # fmt: skip
     if wall_mask is not None:
         darkness = make_darkness(image_bgr, name, must_be_drawing=False)
-        upright = replace(upright, darkness=_rotated(darkness, upright))
+        upright = replace(upright, darkness=rotated(darkness, upright))
     shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = _shrunk(upright.darkness, shrink)
     if wall_mask is None:
@@ -115,8 +116,8 @@ def plan_of_picture(
             shrink /= LINES_ENLARGED
             small, interpretation = _interpreted(_shrunk(upright.darkness, shrink), upright)
     else:
-        rotated = _shrunk(_rotated(wall_mask.astype(np.float32), upright), shrink)
-        given = Candidate(WallStyle.GIVEN, (rotated > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
+        share = _shrunk(rotated(wall_mask.astype(np.float32), upright), shrink)
+        given = Candidate(WallStyle.GIVEN, (share > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
     interpretation = _checked(name, interpretation, small.shape)
     found = _faces(interpretation, upright, shrink)
@@ -227,9 +228,8 @@ def _checked(
     if interpretation.candidate.edge != "mask":
         if interpretation.straight_share < _LEAST_STRAIGHT:
             raise _no_walls(name, "shapes without straight sides")
-        is_alone = (
-            interpretation.candidate.style is WallStyle.BLACK_ALONE
-        )  # of which straightness is asked before
+        # Of these straightness is asked before.
+        is_alone = interpretation.candidate.style is WallStyle.BLACK_ALONE
         if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
     length = float(sum(shapely.length(np.array(interpretation.all_walls, dtype=object))))
@@ -251,14 +251,6 @@ def _long_share(interpretation: Interpretation) -> float:
         straight_length(wall, 5.0 * interpretation.thickness_px) for wall in interpretation.walls
     )
     return long / sum(wall.length for wall in interpretation.walls)
-
-
-def _rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
-    """A picture rotated as the upright one was."""
-    if upright.skew_deg == 0.0:
-        return values
-    h, w = upright.darkness.shape
-    return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
 
 
 def _shrink(side_px: int, may_enlarge: bool) -> float:
@@ -306,9 +298,8 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
 
 def _faces_of_style(part: Interpretation) -> RegionFaces:
     # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
-    least_px = (
-        3.0 if part.candidate.style is WallStyle.BLACK_ALONE else max(0.5 * part.thickness_px, 5.0)
-    )
+    is_alone = part.candidate.style is WallStyle.BLACK_ALONE
+    least_px = 3.0 if is_alone else max(0.5 * part.thickness_px, 5.0)
     return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
 
 

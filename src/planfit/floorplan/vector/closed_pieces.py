@@ -1,4 +1,9 @@
-"""Walls and columns drawn piece by piece as closed outlines, on layers that are called so."""
+"""Walls and columns drawn piece by piece as closed outlines, on layers that are called so.
+
+The outer wall of a building may be two closed outlines, one in the other, however thick it is beside the
+rest: where the unit is unknown, how thick walls may be comes from the usual distance of neighbouring lines,
+which in a furnished room is that of furniture.
+"""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,8 @@
-"""Doors drawn with their swing in a wall whose lines run on: outlines of rooms, thresholds."""
+"""Doors drawn with their swing in a wall whose lines run on: outlines of rooms, thresholds.
+
+Doors may be drawn as two jambs alone, in a wall whose lines run on, where other doors of the drawing show how
+jambs are drawn and how far apart they are.
+"""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,12 @@
-"""What the 3D view shows, as arrays: points by frame, poses before and after, walls, pictures."""
+"""What the 3D view shows, as arrays: points by frame, poses before and after, walls, pictures.
+
+In a page it is text: points in 16 bits a coordinate, levels of detail, compressed. A tile is the points of a
+frame in the axes of its camera, with an origin and a scale of its own. That serves three ends at once: a tile
+is as small as what a depth camera sees, so that 16 bits are fine enough; the same points serve before and
+after, a pose apart; and a point's frame costs nothing. A level is an even thinning of all tiles. Points
+follow each other as the pixels they come from, so differences from point to point, in planes of bytes,
+compress well.
+"""
 
 import base64
 import json
