@@ -1,6 +1,8 @@
 """The report in a real browser: nothing overflows on a phone, no words of a picture are cut or covered, heads
 sort, nothing is fetched; on paper it is short."""
 
+import re
+
 import pypdfium2
 import pytest
 
@@ -93,6 +95,15 @@ def test_on_paper_it_has_few_pages_and_names_the_walls_that_are_off(tmp_path, fl
     # What is compared stands on one page.
     for text in texts:
         assert text.count("after:") == text.count("before:")
+
+
+def test_on_paper_sections_are_seen_where_scripts_may_not_run(tmp_path, floorplan):
+    report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
+    report = re.sub("<script.*?</script>", "", report, flags=re.S)
+    pages = pypdfium2.PdfDocument(printed(tmp_path / "report.html", report))
+    words = " ".join(page.get_textpage().get_text_range() for page in pages)
+    assert "12.0" in words.replace("\u00a0", " ")
+    assert "Misfit, weighted by how sure each observation is" in " ".join(words.split())
 
 
 def test_on_paper_a_table_of_walls_that_all_agree_is_left_out(tmp_path, floorplan):
