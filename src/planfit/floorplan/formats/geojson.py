@@ -109,7 +109,7 @@ def _sorted_features(
     features = [f for kind, data in collections for f in features_of(path, kind, data)]
     is_wall, is_room, is_opening = _kinds(path, features, options.layers)
     areas, properties = [f.area for f in features], [f.properties for f in features]
-    told = told_storeys(properties, np.flatnonzero(is_wall | is_room).tolist(), areas)
+    told = told_storeys(properties, np.flatnonzero(is_wall | is_room).tolist(), areas, is_wall)
     names = level_names(collections, told.order)
     level = chosen_level(path, options.storey, names, told.order)
     is_here = np.array([not each or each == level for each in told.of_feature], dtype=bool)

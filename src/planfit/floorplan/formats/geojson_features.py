@@ -139,6 +139,7 @@ def features_of(path: Path, kind: str, data: Any) -> list[Feature]:
     if not isinstance(data, dict) or not isinstance(data.get("features", []), list):
         raise FloorplanError(f"{path}: expected a GeoJSON FeatureCollection, found other JSON")
     found, crossings = [], SelfCrossings()
+    naming = _naming_property(data.get("features", [data]))
     for feature in data.get("features", [data]):
         try:
             area = shape(feature["geometry"])
@@ -149,7 +150,7 @@ def features_of(path: Path, kind: str, data: Any) -> list[Feature]:
             continue  # a number beyond what floats hold
         if area.is_empty or not np.isfinite(shapely.get_coordinates(area)).all():
             continue
-        named = next((str(properties[k]) for k in _NAMING if properties.get(k)), "")
+        named = next((str(properties[k]) for k in (naming, *_NAMING) if properties.get(k)), "")
         part = kind or str(feature.get("feature_type") or "")
         if part == "opening" or (part in OUTSIDE and not is_room_name(named)):
             named = part
@@ -158,10 +159,28 @@ def features_of(path: Path, kind: str, data: Any) -> list[Feature]:
         scalars = {
             str(key): float(value) if isinstance(value, int | float) else value
             for key, value in properties.items()
-            if isinstance(value, str | int | float) and value != ""
+            if isinstance(value, str | int | float) and value != "" and key != naming
         }
         found.append(Feature(shapely.force_2d(crossings.valid(area)), named, scalars))
     return found
+
+
+def _naming_property(features: list[Any]) -> str:
+    """The property that says what features are where none of the usual ones does: its values name walls, and
+    rooms or openings beside them. The most telling one; empty where there is none."""
+    walls: dict[str, int] = {}
+    others: dict[str, int] = {}
+    for feature in features:
+        properties = feature.get("properties") if isinstance(feature, dict) else None
+        for key, value in (properties if isinstance(properties, dict) else {}).items():
+            if isinstance(value, str) and role_of(value) == Role.WALL:
+                walls[key] = walls.get(key, 0) + 1
+            elif isinstance(value, str) and (is_room_name(value) or role_of(value) == Role.OPENING):
+                others[key] = others.get(key, 0) + 1
+    telling = [key for key in walls if key in others]
+    if any(key in _NAMING for key in walls):
+        return ""
+    return max(telling, key=lambda key: walls[key] + others[key], default="")
 
 
 def is_room_name(name: str) -> bool:

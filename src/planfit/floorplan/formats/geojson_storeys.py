@@ -52,7 +52,10 @@ class ToldStoreys:
 
 
 def told_storeys(
-    properties: Sequence[Properties], rooms: Sequence[int], areas: Sequence[BaseGeometry]
+    properties: Sequence[Properties],
+    rooms: Sequence[int],
+    areas: Sequence[BaseGeometry],
+    is_wall: Bool[np.ndarray, " n"],
 ) -> ToldStoreys:
     """By the standard properties, else by one that keeps `rooms` apart, else by the order in the file.
 
@@ -60,11 +63,18 @@ def told_storeys(
         properties: of all features.
         rooms: which of them bound the plan.
         areas: of all features, any unit.
+        is_wall: of all features: rooms may reach under the walls around them.
     """
     standard = [
         next((str(each[key]) for key in STANDARD if key in each), "") for each in properties
     ]
     pairs, are_crossing = _lying_on_one_another([areas[i] for i in rooms])
+    of_walls = is_wall[list(rooms)]
+    n_walls = of_walls[pairs].sum(axis=1)
+    # Walls of one storey cross one another; where there are rooms, these tell whether there are several.
+    is_one_storey = not of_walls.all() and not (n_walls == 0).any()
+    is_telling = (n_walls != 1) & (not is_one_storey)
+    pairs, are_crossing = pairs[is_telling], are_crossing[is_telling]
     if any(standard) or not len(pairs):
         return ToldStoreys(tuple(standard), _in_order(standard, properties))
     of_rooms = [properties[i] for i in rooms]
