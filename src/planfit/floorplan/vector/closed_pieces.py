@@ -5,7 +5,7 @@ rest: where the unit is unknown, how thick walls may be comes from the usual dis
 which in a furnished room is that of furniture.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
@@ -15,8 +15,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.drawing import Fill, Lines
 from planfit.floorplan.vector.layer_names import Role
+from planfit.floorplan.vector.line_work import ends_of
 from planfit.floorplan.vector.single_lines import MIN_ENDING
 from planfit.geometry import segments
 
@@ -34,6 +35,8 @@ _ALIKE, _MANY = 0.1, 3
 """Elsewhere than among walls, columns are at least so many of one size, up to this share of it."""
 _AROUND = 0.5
 """Of the length of all lines, what the outer outline holds at least: the outline is that of the building."""
+_SEAM = 3e-5
+"""Of the drawing's size: outlines that are the same up to rounding."""
 _MEETS = 1e-3
 """Of the drawing's size: lines that end so near to an outline end at it."""
 
@@ -80,6 +83,69 @@ def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
     return ClosedPieces(found, np.array(used, dtype=int), _COLUMN * most)
 
 
+@dataclass(frozen=True)
+class OpenedWalls:
+    """Solid walls with holes where doors and windows are drawn over them."""
+
+    solids: list[BaseGeometry]
+    pieces: ClosedPieces
+    area: BaseGeometry
+    """Of the openings."""
+    openings: Float[np.ndarray, "k 2 2"]
+    """Along the faces that they interrupt, two of each opening."""
+
+
+def open_walls(
+    solids: list[BaseGeometry],
+    pieces: ClosedPieces,
+    lines: Lines,
+    fills: tuple[Fill, ...],
+    roles: list[Role],
+    extent: float,
+) -> OpenedWalls:
+    """Cut doors and windows out of solid walls where they are closed outlines or areas on layers of their own,
+    each from one face of its wall to the other: programs that keep walls as bodies draw openings over them.
+
+    Args:
+        solids: filled walls.
+        pieces: walls drawn as closed outlines.
+        lines: of layers that may hold walls, in the order of the file.
+        fills: of the drawing.
+        roles: of the layers.
+        extent: of the drawing.
+    """
+    seam = _SEAM * extent
+    is_opening = np.array([role == Role.OPENING for role in roles], dtype=bool)
+    areas = [*_closed_areas(lines.take(is_opening[lines.layer]))]
+    areas += [fill.polygon for fill in fills if is_opening[fill.layer]]
+    closed = OpenedWalls(solids, pieces, shapely.Polygon(), np.zeros((0, 2, 2)))
+    if not areas or not (solids or pieces.areas):
+        return closed
+    body = joined([*solids, *pieces.areas], seam)
+    shapely.prepare(body)
+    grown = shapely.buffer(np.array(areas, dtype=object), seam, join_style="mitre")
+    grown = grown[shapely.contains(shapely.buffer(body, 2 * seam, join_style="mitre"), grown)]
+    sides = shapely.line_merge(shapely.intersection(shapely.boundary(body), grown))
+    kept, ends = [], [np.zeros((0, 2, 2))]
+    for area, side in zip(grown, sides, strict=True):
+        parts = shapely.get_parts(side)
+        parts = parts[shapely.length(parts) > 4 * seam]
+        if len(parts) == 2:
+            kept.append(area)
+            ends.append(ends_of(parts))
+    if not kept:
+        return closed
+    # An outline and its fill are one opening.
+    area = shapely.union_all(kept)
+    _, once = np.unique(shapely.STRtree(shapely.get_parts(area)).nearest(kept), return_index=True)
+    return OpenedWalls(
+        [solid.difference(area) for solid in solids],
+        replace(pieces, areas=[piece.difference(area) for piece in pieces.areas]),
+        area,
+        np.concatenate([ends[1 + k] for k in once]),
+    )
+
+
 def joined(pieces: list[BaseGeometry], seam: float) -> BaseGeometry:
     """One area; pieces that meet up to rounding are one wall."""
     grown = shapely.union_all([piece.buffer(seam, join_style="mitre") for piece in pieces])
@@ -91,7 +157,7 @@ def _closed_areas(lines: Lines) -> np.ndarray:
     order = np.argsort(lines.path, kind="stable")
     ends, path = lines.ends[order], lines.path[order]
     starts = np.flatnonzero(np.diff(path, prepend=-1))
-    stops = np.append(starts[1:], len(path))
+    stops = np.append(starts[1:], len(path))[: len(starts)]
     found = []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         if stop - start < 3:

@@ -20,7 +20,7 @@ from planfit.floorplan.vector.areas import (
     without_paper,
 )
 from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.closed_pieces import closed_pieces, outer_wall
+from planfit.floorplan.vector.closed_pieces import closed_pieces, open_walls, outer_wall
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
     door_radii,
@@ -37,7 +37,7 @@ from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.left_out_walls import left_out_words
-from planfit.floorplan.vector.line_work import merge_collinear, usual_extent
+from planfit.floorplan.vector.line_work import cut_out, merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.room_edges import (
     drawn_between_rooms,
@@ -106,11 +106,15 @@ def walls_of_drawing(
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
     solids, rooms = _solids_and_rooms(drawing, roles, lines, is_row, extent)
-    pieces = closed_pieces(lines, roles, bounds[1])
+    opened = open_walls(
+        solids, closed_pieces(lines, roles, bounds[1]), lines, drawing.fills, roles, extent
+    )
+    solids, pieces = opened.solids, opened.pieces
     has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
     candidates = _merged(lines.take(has_form), role[looked_at[has_form]], extent)
+    candidates = candidates.cut(*cut_out(candidates.ends, opened.area, 1e-3 * extent))
     windows = take_out_windows(candidates.ends, *bounds, 2e-4 * extent)
     candidates = candidates.cut(windows.ends, windows.line)
     if len(windows.openings):
@@ -129,7 +133,8 @@ def walls_of_drawing(
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
     round_faces, is_round = _round_walls(LineFaces.together(found.parts), lines)
-    faces, apart = _main_part(LineFaces.together([*found.parts, round_faces]), extent)
+    openings = np.concatenate([windows.openings, opened.openings])
+    faces, apart = _main_part(LineFaces.together([*found.parts, round_faces]), openings, extent)
     is_left_out[looked_at[has_form | is_round]] = False
     if n_curves := int((lines.is_curved & ~is_round).sum()):
         dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
@@ -137,6 +142,7 @@ def walls_of_drawing(
     others = open_jambs(doors, lines.ends[has_form], extent)
     faces = others.faces
     n_windows, n_others = len(windows.openings) // 2, len(others.openings) // 2
+    n_cut = len(opened.openings) // 2
     doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
         dropped.append(f"lines that ran through {doors_are} drawn with their swing")
@@ -156,15 +162,22 @@ def walls_of_drawing(
         (*found.warnings, *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
-        np.concatenate([windows.openings, doors.openings, others.openings]),
+        np.concatenate([windows.openings, doors.openings, others.openings, opened.openings]),
         by_layer,
         tuple(
-            filter(None, (doors_are, _counted(n_windows, "window"), _counted(n_others, "opening")))
+            filter(
+                None,
+                (
+                    doors_are,
+                    _counted(n_windows, "window"),
+                    _counted(n_others + n_cut, "opening"),
+                ),
+            )
         ),
         found.shared_edges,
         opening_names=("window",) * len(windows.openings)
         + ("door",) * len(doors.openings)
-        + ("opening",) * len(others.openings),
+        + ("opening",) * (len(others.openings) + len(opened.openings)),
         are_rooms_touching=found.are_rooms_touching,
     )
 
@@ -296,13 +309,17 @@ def _is_slim(area: BaseGeometry) -> bool:
     return bool(shapely.length(area) ** 2 / (16 * area.area) > 2.5)
 
 
-def _main_part(faces: LineFaces, extent: float) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:
+def _main_part(
+    faces: LineFaces, openings: Float[np.ndarray, "k 2 2"], extent: float
+) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:
     """Faces without groups that stand apart by a twentieth of the drawing and hold less than a
-    twentieth of the largest group's length; and the ends of those. What stands inside of the largest is a
-    column or a wall on its own."""
-    if len(faces.ends) == 0:
+    twentieth of the largest group's length; and the ends of those. Openings do not part their wall. What
+    stands inside of the largest is a column or a wall on its own."""
+    n = len(faces.ends)
+    if n == 0:
         return faces, faces.ends
-    lines, group = line_strings(faces.ends), groups_within(faces.ends, 0.05 * extent)
+    lines = line_strings(faces.ends)
+    group = groups_within(np.concatenate([faces.ends, openings]), 0.05 * extent)[:n]
     total = np.bincount(group, segments.lengths(faces.ends))
     largest = shapely.convex_hull(shapely.multilinestrings(lines[group == total.argmax()]))
     shapely.prepare(largest)
