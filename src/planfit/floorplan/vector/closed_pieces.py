@@ -103,8 +103,9 @@ def open_walls(
     roles: list[Role],
     extent: float,
 ) -> OpenedWalls:
-    """Cut doors and windows out of solid walls where they are closed outlines or areas on layers of their own,
-    each from one face of its wall to the other: programs that keep walls as bodies draw openings over them.
+    """Cut doors and windows out of solid walls where they are closed outlines or areas on layers of their
+    own, each from one face of its wall to the other: programs that keep walls as bodies draw openings over
+    them.
 
     Args:
         solids: filled walls.

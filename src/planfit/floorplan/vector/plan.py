@@ -25,6 +25,7 @@ from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, moved, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
+from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
@@ -69,9 +70,11 @@ def plan_of_drawing(
             + "; check that it is the right file"
         )
     roles = _roles(path, drawing, options)
+    bars = find_scale_bars(drawing)
+    drawing, roles = without_scale_bars(drawing, roles, bars)
     if not options.layers:
         drawing, roles = without_sheet(drawing, roles)
-    walls, unit = _walls_and_unit(drawing, roles, path, options)
+    walls, unit = _walls_and_unit(drawing, roles, bars, path, options)
     if drawing.hidden_layers:
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
         walls = replace(walls, dropped=(*walls.dropped, hidden))
@@ -171,7 +174,11 @@ def _roles(path: Path, drawing: VectorDrawing, options: PlanOptions) -> list[Rol
 
 
 def _walls_and_unit(
-    drawing: VectorDrawing, roles: list[Role], path: Path, options: PlanOptions
+    drawing: VectorDrawing,
+    roles: list[Role],
+    bars: list[ScaleBar],
+    path: Path,
+    options: PlanOptions,
 ) -> tuple[DrawnWalls, UnitFound]:
     """Walls, looked for twice where only their thickness and size tell the unit, which tells how thick they
     may be.
@@ -183,7 +190,7 @@ def _walls_and_unit(
     walls = first = walls_of_drawing(drawing, roles, said)
     _require_walls(walls, path, drawing)
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
-    unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls))
+    unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls), bars)
     if unit.metres_per_unit is not None and unit.metres_per_unit != said:
         again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
         walls = again if len(again.faces.ends) else walls

@@ -1,6 +1,7 @@
 """How long one unit of a drawing is: from the user, the file, its dimension texts, or not at all."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from planfit.floorplan.options import (
     units_that_fit,
 )
 from planfit.floorplan.vector.drawing import Text, VectorDrawing
+from planfit.floorplan.vector.scale_bars import ScaleBar
 from planfit.geometry import segments
 from planfit.priors import BUILDING_LIKELY_SIZE_M, WALL_THICKNESS_M
 
@@ -57,8 +59,9 @@ def unit_of_drawing(
     options: PlanOptions,
     size: float,
     usual_thickness: float | None,
+    bars: Sequence[ScaleBar] = (),
 ) -> UnitFound:
-    """Decide on a unit; the user's word first, then the file's, the dimension texts', a guess.
+    """Decide on a unit; the user's word first, then the file's, the dimension texts', a scale bar's, a guess.
 
     Args:
         drawing: what the file says itself.
@@ -66,6 +69,7 @@ def unit_of_drawing(
         options: `unit` and `metres_per_unit`.
         size: larger extent of the walls, in the drawing's unit.
         usual_thickness: of its walls, in the same; None where unknown.
+        bars: scale bars of the sheet.
 
     Raises:
         FloorplanError: the user's unit makes a building of an absurd size.
@@ -82,7 +86,9 @@ def unit_of_drawing(
                 )
         return told
     warnings: tuple[str, ...] = ()
-    by_dimensions = _told_by_dimensions(drawing, size, usual_thickness)
+    by_dimensions = _told_by_dimensions(drawing, size, usual_thickness) or _told_by_bars(
+        bars, size, usual_thickness
+    )
     claimed = drawing.metres_per_unit
     if claimed is not None:
         extent = size * claimed
@@ -90,8 +96,8 @@ def unit_of_drawing(
             if by_dimensions is None or _agree(claimed, by_dimensions.metres_per_unit):
                 return UnitFound(claimed, drawing.unit, "the file's header")
             warnings = (
-                f"the file says its unit is {drawing.unit}, but {by_dimensions.unit_from} say "
-                f"{by_dimensions.metres_per_unit:.4g} m a unit: the texts were used",
+                f"the file says its unit is {drawing.unit}, but by {by_dimensions.unit_from} it "
+                f"is {by_dimensions.metres_per_unit:.4g} m: these were used",
             )
         else:
             warnings = (
@@ -133,6 +139,21 @@ def _told_by_dimensions(
     if len(fitting) != 1:
         return None
     return UnitFound(found.metres_per_unit * fitting[0], "of dimension texts", name)
+
+
+def _told_by_bars(
+    bars: Sequence[ScaleBar], size: float, usual_thickness: float | None
+) -> UnitFound | None:
+    """What scale bars say; nothing where they disagree, as on a sheet with plans of several scales, or make
+    no likely building."""
+    scales = [bar.metres_per_unit for bar in bars if bar.has_unit] or [
+        bar.metres_per_unit for bar in bars
+    ]
+    if not scales or max(scales) > (1 + DIFFERENT) * min(scales):
+        return None
+    if not _is_likely(size, usual_thickness, scales[0]):
+        return None
+    return UnitFound(scales[0], "of a scale bar", f"the scale bar {bars[0].words!r}")
 
 
 def _guess(size: float, usual_thickness: float | None) -> UnitFound:
