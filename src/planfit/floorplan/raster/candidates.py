@@ -28,9 +28,9 @@ _COARSE_SHARE = 1 / 100
 """Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
 house of 820 px whose partitions of 9 px were its most usual line had 14, one of 840 px with partitions of
 8 px had 10."""
-_VALLEY = 0.1
+_VALLEY = 0.3
 """Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
-width of either: 0.07 between lines of 3 px and partitions of 6 px, in a picture with soft edges."""
+width of either: 0.25 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
 _LEAST_WALL_PX = 4
 """Thinner strokes may be lines, whatever else there is."""
 _MAX_LINE_SHARE = 0.02
@@ -152,13 +152,13 @@ def _least_widths(mask: UInt8[np.ndarray, "h w"], line_px: float, extent: float)
 
 
 def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
-    """The emptiest width of each gap between two kinds of strokes."""
+    """Least width above each gap between two kinds of strokes: past the emptiest one."""
     below = np.maximum.accumulate(length)
     above = np.maximum.accumulate(length[::-1])[::-1]
     is_empty = (length <= _VALLEY * np.minimum(below, above)) & (above > 0) & (below > 0)
     label = np.cumsum(np.diff(is_empty, prepend=False))
     return [
-        int(own[np.argmin(length[own])])
+        int(own[np.argmin(length[own])]) + 1
         for k in np.unique(label[is_empty])
         if len(own := np.flatnonzero(is_empty & (label == k)))
     ]
