@@ -28,9 +28,9 @@ _COARSE_SHARE = 1 / 100
 """Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
 house of 820 px whose partitions of 9 px were its most usual line had 14, one of 840 px with partitions of
 8 px had 10."""
-_VALLEY = 0.3
+_VALLEY = 0.5
 """Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
-width of either: 0.25 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
+width of either: 0.3 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
 _LEAST_WALL_PX = 4
 """Thinner strokes may be lines, whatever else there is."""
 _MAX_LINE_SHARE = 0.02
