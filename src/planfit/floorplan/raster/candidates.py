@@ -31,10 +31,6 @@ house of 820 px whose partitions of 9 px were its most usual line had 14, one of
 _VALLEY = 0.5
 """Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
 width of either: 0.3 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
-_LEAST_WALL_PX = 4
-"""Thinner strokes may be lines, whatever else there is."""
-_MAX_LINE_SHARE = 0.02
-"""Of the length of all strokes, what may be thin in a picture of walls alone: ends and corners."""
 
 
 class WallStyle(StrEnum):
@@ -135,20 +131,10 @@ def _largest_width(extent: float) -> int:
 
 
 def _least_widths(mask: UInt8[np.ndarray, "h w"], line_px: float, extent: float) -> list[int]:
-    """Widths that may part lines from walls: the emptiest between them, for thin and for thick walls."""
+    """Widths that may part lines from walls: just above the usual line, and past each gap between two kinds
+    of strokes. Where lines are few, the usual one is a partition, and no multiple of it parts the two."""
     length = _length_by_width(mask, _largest_width(extent))
-    width = np.arange(len(length))
-    first = round(1.3 * line_px) + 1
-    result = []
-    for low in sorted({first, round(2 * line_px) + 1, round(3 * line_px) + 1}):
-        if low + 1 >= len(length) or length[low:].sum() == 0:
-            continue
-        # Walls are where the area is; between them and the lines is the valley.
-        wall = low + int(np.argmax(length[low:] * width[low:]))
-        valley = low + int(np.argmin(length[low : max(wall, low + 1)]))
-        result.append(valley)
-        result.append(low)
-    return sorted(set(result))
+    return sorted({round(1.3 * line_px) + 1, *_valleys(length)})
 
 
 def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
@@ -167,31 +153,13 @@ def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
 def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
     widths = _least_widths(ink, line_px, extent)
-    if _is_bare(ink, extent):
-        widths.append(2)
     if not widths or min(widths) > _COARSE_SHARE * extent:
         # Where lines are pale, the usual width is that of partitions, and all of them would be left out.
         widths += _FINE_PX
-    # Where they are few, too: no multiple of it parts partitions from lines then.
-    widths += _valleys(_length_by_width(ink, _largest_width(extent)))
     return [
         Candidate(WallStyle.BLACK, opened(ink, size), "edge", INK, 0.0, size)
-        for size in sorted({*widths})
+        for size in sorted(set(widths))
     ]
-
-
-def _is_bare(mask: UInt8[np.ndarray, "h w"], extent: float) -> bool:
-    """Whether nothing is drawn with a line: thin walls are then what would be taken for lines.
-
-    In drawings with windows, doors or texts at least a third of the length is thinner than a quarter
-    of the walls.
-    """
-    length = _length_by_width(mask, _largest_width(extent))
-    width = np.arange(len(length))
-    area = np.cumsum(length * width)
-    usual = int(np.searchsorted(area, area[-1] / 2))
-    is_line = width < max(0.25 * usual, _LEAST_WALL_PX)
-    return bool(length[is_line].sum() < _MAX_LINE_SHARE * length.sum())
 
 
 def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
