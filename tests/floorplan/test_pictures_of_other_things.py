@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from drawn_plans.drawing import DrawingOptions, draw_building
 
+from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, PlanOptions
 from planfit.floorplan.plausible import aligned_share, are_closed_rooms, kinked_share
 from planfit.floorplan.raster import plan_of_picture
@@ -187,7 +188,6 @@ def few_houses() -> np.ndarray:
 
 
 @pytest.mark.parametrize(("image", "words"), [
-    (brick_facade(), "looks like a photograph"),
     (filled_section(), "is it a section"),
     (sketch_of_two_lines(), "a sketch by hand"),
     (bar_chart(), "none closes in a room"),
@@ -195,6 +195,11 @@ def few_houses() -> np.ndarray:
 ])  # fmt: skip
 def test_what_was_read_without_a_word_is_said_to_be_doubtful(image: np.ndarray, words: str) -> None:
     assert any(words in warning for warning in read(image).source.warnings)
+
+
+def test_a_front_of_bricks_is_refused() -> None:
+    with pytest.raises(FloorplanError, match="short strokes"):
+        read(brick_facade())
 
 
 @pytest.mark.parametrize(("style", "seed"), [
