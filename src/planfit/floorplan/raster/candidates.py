@@ -143,17 +143,14 @@ def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
     above = np.maximum.accumulate(length[::-1])[::-1]
     is_empty = (length <= _VALLEY * np.minimum(below, above)) & (above > 0) & (below > 0)
     label = np.cumsum(np.diff(is_empty, prepend=False))
-    return [
-        int(own[np.argmin(length[own])]) + 1
-        for k in np.unique(label[is_empty])
-        if len(own := np.flatnonzero(is_empty & (label == k)))
-    ]
+    gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
+    return [int(gap[np.argmin(length[gap])]) + 1 for gap in gaps]
 
 
 def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
     widths = _least_widths(ink, line_px, extent)
-    if not widths or min(widths) > _COARSE_SHARE * extent:
+    if min(widths) > _COARSE_SHARE * extent:
         # Where lines are pale, the usual width is that of partitions, and all of them would be left out.
         widths += _FINE_PX
     return [
