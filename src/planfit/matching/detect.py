@@ -31,10 +31,11 @@ class KeypointOptions:
     """Strongest keypoints kept a frame; more cost matching time as their square."""
     contrast_threshold: float = 0.02
     """SIFT's contrast threshold; half of OpenCV's default, because walls and floors are faint."""
-    max_side_px: int = 400
-    """SIFT looks at larger images reduced to this. At 640 x 480 it takes a third of the time and finds half
-    as many, in as many of the views that show the same, and the error of a place in the image stays far
-    below that of its depth."""
+    max_side_px: int = 320
+    """SIFT looks at larger images reduced to this. At 640 x 480 it takes 0.3 of the time and finds 0.4 of them,
+    in as many of the views that show the same; the error of a place in the image stays far below that of its
+    depth. Over 41 runs of two real scans the mean error is 0.062 m (400 px: 0.066; 240 px: 0.062, with two
+    right results refused)."""
     max_depth_m: float = 15.0
     """Keypoints further away are dropped: depth noise there says little about the pose."""
     weights: str = "magic-leap-community/superpoint"
