@@ -32,10 +32,9 @@ class KeypointOptions:
     contrast_threshold: float = 0.02
     """SIFT's contrast threshold; half of OpenCV's default, because walls and floors are faint."""
     max_side_px: int = 320
-    """SIFT looks at larger images reduced to this. At 640 x 480 it takes 0.3 of the time, finds 0.4 as many,
-    in as many of the views that show the same; the error of a place in the image stays far below that of its
-    depth. Over 41 runs of two real scans the mean error is 0.062 m (400 px: 0.066; 240 px: 0.062, with two
-    right results refused)."""
+    """SIFT looks at larger images reduced to this. At 640 x 480 it takes 0.3 of the time and finds 0.4 of
+    the keypoints; the error of a place in the image stays far below that of its depth. Over 41 runs of two
+    real scans the mean error is 0.062 m (400 px: 0.066; 240 px: 0.062, two right results more refused)."""
     max_depth_m: float = 15.0
     """Keypoints further away are dropped: depth noise there says little about the pose."""
     weights: str = "magic-leap-community/superpoint"
