@@ -197,9 +197,25 @@ def test_what_was_read_without_a_word_is_said_to_be_doubtful(image: np.ndarray, 
     assert any(words in warning for warning in read(image).source.warnings)
 
 
-def test_a_front_of_bricks_is_refused() -> None:
-    with pytest.raises(FloorplanError, match="short strokes"):
+@pytest.mark.parametrize("image", [facade(), brick_facade()], ids=["plaster", "bricks"])
+def test_a_photograph_of_a_front_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(FloorplanError):
+        read(image)
+
+
+def test_a_photograph_with_little_that_may_be_walls_is_refused_saying_what_to_do() -> None:
+    with pytest.raises(FloorplanError, match="crop it"):
         read(brick_facade())
+
+
+def test_a_photograph_of_a_drawing_is_read() -> None:
+    picture = strange_picture("solid, scanned", 41, 45)
+    rng = np.random.default_rng(3)
+    shade = np.linspace(0.45, 1.0, picture.image.shape[1])[None, :, None]
+    photograph = picture.image * shade + rng.normal(size=picture.image.shape) * 9
+    image = np.clip(photograph, 0, 255).astype(np.uint8)
+    assert is_photograph(image)
+    assert len(read(image).ends) > 20
 
 
 @pytest.mark.parametrize(("style", "seed"), [
@@ -214,7 +230,6 @@ def test_drawings_in_any_state_raise_none_of_these_doubts(style: str, seed: int)
 
 
 @pytest.mark.parametrize(("image", "words"), [
-    (facade(), "windows of a facade"),
     (site_plan(), "houses of a site plan"),
     (section(), "is it a section"),
     (sketch(), "a sketch by hand"),

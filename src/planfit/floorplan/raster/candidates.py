@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 from planfit.floorplan.raster.cells import fill_hatching, find_wall_cells
 from planfit.floorplan.raster.line_work import LineWork, closed, find_line_work, opened
 from planfit.floorplan.raster.strips import between_lines
+from planfit.floorplan.raster.stroke_widths import WallWidth, least_wall_width
 
 Edge = Literal["edge", "stroke", "mask"]
 
@@ -23,14 +24,8 @@ _TONE_WIDTH, _DARKER = 0.07, 0.15
 _NEAR_INK = 0.12
 """Walls of a tone as near to `INK` are black in patches, and grey in others where a JPEG made them uneven:
 all that is darker than half of it is then looked at, too."""
-_FINE_PX = [3, 5, 7]
-_COARSE_SHARE = 1 / 100
-"""Least thicknesses that are tried where those of the widths are all larger than this share of the drawing: a
-house of 820 px whose partitions of 9 px were its most usual line had 14, one of 840 px with partitions of
-8 px had 10."""
-_VALLEY = 0.5
-"""Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
-width of either: 0.3 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
+_BROAD_PX, _NEAR, _PATCHY = 4, 0.07, 0.3
+"""Of what is so broad, pixels within so much of `INK`: soft edges of black walls are 0.02 to 0.1 of it."""
 
 
 class WallStyle(StrEnum):
@@ -69,6 +64,8 @@ class Candidate:
     """Walls are no thinner."""
     bars: UInt8[np.ndarray, "h w"] | None = None
     """1 inside walls so thin that their two lines touch; None where there are none."""
+    unsure_px: float = 0.0
+    """Thickness of strokes that may be walls or a pen's; 0 where all is sure."""
     hatched_share: float = 0.0
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
 
@@ -81,7 +78,7 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
         return []
     line_work = find_line_work(lines, max(int(extent / 14), 6))
     line_px = line_work.line_px
-    result = [*_black(darkness, line_px, extent), *_grey(darkness, line_px, extent)]
+    result = [*_black(darkness, extent), *_grey(darkness, line_px, extent)]
     result += _hatched(lines, line_work, extent)
     cells = find_wall_cells(lines, line_px, extent)
     if cells.any():
@@ -113,50 +110,27 @@ def _extent(lines: UInt8[np.ndarray, "h w"]) -> float:
     return float(max(np.ptp(rows), np.ptp(columns)) + 1)
 
 
-def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
-    """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
-    areas = [float(mask.sum())]
-    for size in range(2, largest + 2):
-        areas.append(float(opened(mask, size).sum()))
-        if areas[-1] == 0:
-            break
-    areas += [0.0] * (largest + 1 - len(areas))
-    lost = -np.diff(areas)
-    return np.concatenate([[0.0], lost / np.arange(1, len(lost) + 1)])
+def are_patchy(darkness: Float[np.ndarray, "h w"]) -> bool:
+    """Whether much of what is as broad as walls has nearly the darkness that parts black from paler: grey
+    walls, which are black in patches where a JPEG made them uneven."""
+    broad = opened((darkness > LINE).astype(np.uint8), _BROAD_PX) > 0
+    is_near = np.abs(darkness - INK) < _NEAR
+    return bool((broad & is_near).sum() > _PATCHY * max(int(broad.sum()), 1))
 
 
-def _largest_width(extent: float) -> int:
-    """Thickest wall (px) in a drawing of some size."""
-    return int(min(max(extent / 12, 8), 60))
-
-
-def _least_widths(mask: UInt8[np.ndarray, "h w"], line_px: float, extent: float) -> list[int]:
-    """Widths that may part lines from walls: just above the usual line, and past each gap between two kinds
-    of strokes. Where lines are few, the usual one is a partition, and no multiple of it parts the two."""
-    length = _length_by_width(mask, _largest_width(extent))
-    return sorted({round(1.3 * line_px) + 1, *_valleys(length)})
-
-
-def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
-    """Least width above each gap between two kinds of strokes: past the emptiest one."""
-    below = np.maximum.accumulate(length)
-    above = np.maximum.accumulate(length[::-1])[::-1]
-    is_empty = (length <= _VALLEY * np.minimum(below, above)) & (above > 0) & (below > 0)
-    label = np.cumsum(np.diff(is_empty, prepend=False))
-    gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
-    return [int(gap[np.argmin(length[gap])]) + 1 for gap in gaps]
-
-
-def _black(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
+def _black(darkness: Float[np.ndarray, "h w"], extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
-    widths = _least_widths(ink, line_px, extent)
-    if min(widths) > _COARSE_SHARE * extent:
-        # Where lines are pale, the usual width is that of partitions, and all of them would be left out.
-        widths += _FINE_PX
-    return [
-        Candidate(WallStyle.BLACK, opened(ink, size), "edge", INK, 0.0, size)
-        for size in sorted(set(widths))
-    ]
+    width = least_wall_width(ink, extent)
+    if width.least_px == 0 or are_patchy(darkness):
+        return []
+    return [_solid(WallStyle.BLACK, ink, INK, width)]
+
+
+def _solid(
+    style: WallStyle, strokes: UInt8[np.ndarray, "h w"], level: float, width: WallWidth
+) -> Candidate:
+    mask, least = opened(strokes, width.least_px), float(width.least_px)
+    return Candidate(style, mask, "edge", level, 0.0, least, unsure_px=width.unsure_px)
 
 
 def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
@@ -197,10 +171,9 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
             if abs(tone - INK) < _NEAR_INK:
                 masks.append((darkness > tone / 2).astype(np.uint8))
             for one in masks:
-                for size in _least_widths(one, line_px, extent)[:3]:
-                    result.append(
-                        Candidate(WallStyle.GREY, opened(one, size), "edge", tone / 2, 0.0, size)
-                    )
+                width = least_wall_width(one, extent)
+                if width.least_px:
+                    result.append(_solid(WallStyle.GREY, one, tone / 2, width))
     return result
 
 

@@ -33,6 +33,11 @@ class InkAccount:
     left_lines: Float[np.ndarray, "k 2 2"]
     """Outlines of the longer ones among them, px."""
 
+    @property
+    def is_little_read(self) -> bool:
+        """Whether a floorplan has more."""
+        return self.share < _DOUBTFUL_SHARE
+
 
 def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"]) -> InkAccount:
     """Where the ink of a picture went.
@@ -92,7 +97,7 @@ def with_account(
     if left_px and interpretation.candidate.style is not WallStyle.BLACK_ALONE:
         words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
     warnings = source.warnings
-    if ink.share < _DOUBTFUL_SHARE:
+    if ink.is_little_read:
         warnings += (
             f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
             "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "

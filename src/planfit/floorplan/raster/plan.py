@@ -107,27 +107,31 @@ def plan_of_picture(
     if wall_mask is not None:
         darkness = make_darkness(image_bgr, name, must_be_drawing=False)
         upright = replace(upright, darkness=rotated(darkness, upright))
-    shrink = _shrink(max(upright.darkness.shape), may_enlarge=wall_mask is None)
-    small = _shrunk(upright.darkness, shrink)
+    shrink = shrink_to_read(max(upright.darkness.shape), may_enlarge=wall_mask is None)
+    small = shrunk(upright.darkness, shrink)
     if wall_mask is None:
         small, interpretation = _interpreted(small, upright)
         is_small = LINES_ENLARGED * max(small.shape) <= 1.5 * WORK_SIDE_PX
         if interpretation is not None and is_small and _are_lines_touching(interpretation):
             shrink /= LINES_ENLARGED
-            small, interpretation = _interpreted(_shrunk(upright.darkness, shrink), upright)
+            small, interpretation = _interpreted(shrunk(upright.darkness, shrink), upright)
     else:
-        share = _shrunk(rotated(wall_mask.astype(np.float32), upright), shrink)
+        share = shrunk(rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate(WallStyle.GIVEN, (share > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
         interpretation = interpret(given, float(max(small.shape)), is_given=True)
     interpretation = _checked(name, interpretation, small.shape)
+    ink = None if wall_mask is not None else account_for(interpretation, small)
+    photograph = "" if ink is None else photograph_words(image_bgr)
+    if photograph and ink is not None and ink.is_little_read:
+        found = f"{100 * ink.share:.0f} % of what is dark to be like them, in what looks like a photograph"
+        raise _no_walls(name, f"{found} (of a sheet, crop it to that)")
     found = _faces(interpretation, upright, shrink)
     plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
     drawn = f"{kind}, walls {interpretation.style}"
-    ink = None if wall_mask is not None else account_for(interpretation, small)
     dropped = _moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
     if wall_mask is None:
-        for words in (photograph_words(image_bgr), surroundings_words(image_bgr)):
+        for words in (photograph, surroundings_words(image_bgr)):
             plan = plan.with_warning(words) if words else plan
     plan = plan.with_warning(SIGN_WORDS) if has_signs else plan
     if ink is not None:
@@ -253,7 +257,7 @@ def _long_share(interpretation: Interpretation) -> float:
     return long / sum(wall.length for wall in interpretation.walls)
 
 
-def _shrink(side_px: int, may_enlarge: bool) -> float:
+def shrink_to_read(side_px: int, may_enlarge: bool) -> float:
     """Pixels of the picture to one of that in which walls are looked for."""
     if side_px > 1.5 * WORK_SIDE_PX:
         return side_px / WORK_SIDE_PX
@@ -262,7 +266,8 @@ def _shrink(side_px: int, may_enlarge: bool) -> float:
     return 1.0
 
 
-def _shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
+def shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
+    """A picture of one number a pixel, so many times smaller."""
     if shrink == 1.0:
         return values
     if shrink > 1.0:
@@ -277,7 +282,7 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     parts = [_faces_of_style(part) for part in interpretation.parts]
     faces = _together(parts)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
-    small = _shrunk(upright.darkness, shrink)
+    small = shrunk(upright.darkness, shrink)
     is_drawn = small > FAINT_LINE
     storey_of = find_storeys(walls, interpretation.thickness_px, openings, is_drawn)
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
@@ -362,14 +367,18 @@ def _to_floorplan(
             if len(found.storeys) > 1
             else (),
             dropped=dropped_words(interpretation, shrink),
-            warnings=_warnings(found, interpretation, upright, options),
+            warnings=_warnings(found, interpretation, upright, options, shrink),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),
         ),
     )
 
 
 def _warnings(
-    found: _Found, interpretation: Interpretation, upright: Upright, options: PlanOptions
+    found: _Found,
+    interpretation: Interpretation,
+    upright: Upright,
+    options: PlanOptions,
+    shrink: float,
 ) -> tuple[str, ...]:
     """What a user should look at before trusting the plan."""
     result = list(found.doubts)
@@ -380,6 +389,12 @@ def _warnings(
         result.append(
             "much that looks like wall was left out, because its form is none: compare the overlay "
             "(-o FILE.png) with the drawing"
+        )
+    unsure = [part.candidate.unsure_px for part in interpretation.parts]
+    if any(unsure):
+        result.append(
+            f"strokes about {shrink * max(unsure):.0f} px thick may be walls, or leaves of doors and "
+            "furniture: compare the overlay (-o FILE.png) with the drawing"
         )
     if abs(upright.skew_deg) >= 0.1:
         result.append(

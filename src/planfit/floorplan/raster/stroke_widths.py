@@ -1,0 +1,207 @@
+"""Strokes of a picture by their width: down to which width they are walls, and from which a pen's.
+
+A drawing has kinds of strokes: outer walls, partitions, and what a pen drew, which are leaves and swings of
+doors, panes, furniture, letters. Between two kinds few strokes are as wide. A kind is weighed as a whole, by
+how thick it is beside the walls that are thicker, how much of it is long and straight, hangs on thicker walls
+and has another stroke as thin a few strokes away. The weights are fitted on marked pictures
+(`benchmarks/fit_stroke_widths.py`).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import shapely
+from jaxtyping import Float, Shaped, UInt8
+
+from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.twins import twin_share
+
+_VALLEY = 0.5
+"""Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
+width of either: 0.3 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
+_BASE = 1.0
+"""The thickest strokes that are this long in all, in sides of the drawing, are walls, if any are."""
+_MOST_TWINS = 0.21
+"""Of the thickest strokes: walls have 0.19 at most, lines where all is drawn with them 0.24 and
+more, in the marked pictures."""
+_LEAST_PX = 3.0
+"""Thinner strokes may be a pen's, where none are thicker: lines are drawn 1 to 3 px wide."""
+_LONG = 6.0
+"""An edge is long from so many thicknesses of the thicker walls: leaves of doors are shorter."""
+_DIRT = 0.02
+"""Of the length of all strokes, what is left of round and slanted ones, and specks."""
+_UNSURE, _MANY = 0.5, 1.0
+"""Nearer to even log odds, strokes are taken for walls, and doubted where they are together longer than so
+many sides of the drawing: a plan without its partitions is no use, one with leaves of doors is still one."""
+FEATURES = ("log_ratio", "long", "apart", "root_twins")
+"""Of a kind, what it is weighed by."""
+_WEIGHTS = {"one": 3.34, "log_ratio": 2.16, "long": 2.37, "apart": -2.43, "root_twins": -4.7}
+"""Log odds of walls, fitted on marked pictures (`benchmarks/fit_stroke_widths.py`)."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Strokes of one width, beside those that are thicker."""
+
+    least_px: int
+    """They are no thinner."""
+    thickness_px: float
+    """Usual one."""
+    length: float
+    """Of their outlines, in sides of the drawing."""
+    is_base: bool
+    """Of the thickest, which the others are compared with."""
+    log_ratio: float
+    """Logarithm of their thickness over that of thicker ones, of the thickest over its own."""
+    long: float
+    """Share of the outline in long edges."""
+    apart: float
+    """Share of the outline of those that touch no thicker stroke."""
+    twins: float
+    """See `twin_share`."""
+
+    regions: tuple[shapely.Polygon, ...]
+    """Their outlines, px."""
+
+    @property
+    def features(self) -> dict[str, float]:
+        """By name, see `FEATURES`."""
+        return {
+            "log_ratio": self.log_ratio,
+            "long": self.long,
+            "apart": self.apart,
+            "root_twins": math.sqrt(self.twins),  # walls have none: a few tell more than many
+        }
+
+    @property
+    def log_odds(self) -> float:
+        """Of being walls."""
+        return _WEIGHTS["one"] + sum(_WEIGHTS[name] * x for name, x in self.features.items())
+
+
+@dataclass(frozen=True)
+class WallWidth:
+    """Down to which width strokes are walls."""
+
+    least_px: int
+    """Walls are no thinner; 0 where there are none."""
+    is_all: bool
+    """Nothing is thinner."""
+    unsure_px: float
+    """Thickness of strokes that may be walls or a pen's, whatever they are taken for; 0 where all is sure."""
+
+
+def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth:
+    """Down to which width the strokes of a mask are walls.
+
+    `extent`: larger side of what is drawn, px.
+    """
+    total, most, best, length, unsure = 0.0, 0.0, 0, 0.0, 0.0
+    is_all = True
+    for kind in kinds_of_strokes(mask, extent):
+        length += kind.length
+        if kind.is_base:
+            is_thin = kind.thickness_px < _LEAST_PX
+            if length >= _BASE and (is_thin or min(kind.twins, _twins_of(mask)) > _MOST_TWINS):
+                break
+        else:
+            total += kind.length * kind.log_odds
+            if abs(kind.log_odds) < _UNSURE and kind.length > _MANY:
+                unsure = kind.thickness_px
+        if total >= most:
+            most, best, is_all = total, kind.least_px, True
+        elif kind.length > _DIRT * length:
+            is_all = False
+    is_all = is_all and best > 0 and _twins_of(mask) <= _MOST_TWINS
+    # A slanted wall is thinner to a square that is moved over it.
+    return WallWidth(math.ceil(best / math.sqrt(2)), is_all, unsure)
+
+
+def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[Kind]:
+    """Kinds of strokes, the thickest first.
+
+    Args:
+        mask: 1 on strokes.
+        extent: larger side of what is drawn, px.
+    """
+    widths = [2, *_valleys(_length_by_width(mask, _largest_width(extent)))]
+    thicker, outlines, thicknesses = np.zeros_like(mask), np.zeros(0), np.zeros(0)
+    for least in sorted(set(widths), reverse=True):
+        whole = opened(mask, least)
+        own = opened(whole & (1 - cv2.dilate(thicker, np.ones((3, 3), np.uint8))), least - 1)
+        regions = np.array([r for r in trace_regions(own, 0.0) if r.area > 0], dtype=object)
+        if len(regions) == 0:
+            continue
+        outline = shapely.length(regions)
+        thickness = 2 * shapely.area(regions) / outline
+        own_usual = weighted_median(thickness, outline)
+        is_base = bool(outlines.sum() < _BASE * extent)
+        usual = own_usual if is_base else weighted_median(thicknesses, outlines)
+        edges = np.concatenate([_edge_lengths(region) for region in regions])
+        yield Kind(
+            least,
+            own_usual,
+            outline.sum() / extent,
+            is_base,
+            math.log(own_usual / usual),
+            edges[edges > _LONG * usual].sum() / outline.sum(),
+            outline[~_touch(regions, thicker)].sum() / outline.sum(),
+            twin_share(own, list(regions)),
+            tuple(regions),
+        )
+        outlines, thicknesses = np.append(outlines, outline), np.append(thicknesses, thickness)
+        thicker = whole
+
+
+def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
+    """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
+    areas = [float(mask.sum())]
+    for size in range(2, largest + 2):
+        areas.append(float(opened(mask, size).sum()))
+        if areas[-1] == 0:
+            break
+    areas += [0.0] * (largest + 1 - len(areas))
+    lost = -np.diff(areas)
+    return np.concatenate([[0.0], lost / np.arange(1, len(lost) + 1)])
+
+
+def _largest_width(extent: float) -> int:
+    """Thickest wall (px) in a drawing of some size."""
+    return int(min(max(extent / 12, 8), 60))
+
+
+def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
+    """Least width above each gap between two kinds of strokes: past the emptiest one, or the first that is as
+    good as empty, as round walls lose their form where an opening is wide."""
+    below = np.maximum.accumulate(length)
+    above = np.maximum.accumulate(length[::-1])[::-1]
+    most = np.minimum(below, above)
+    is_empty = (length <= _VALLEY * most) & (most > 0)
+    label = np.cumsum(np.diff(is_empty, prepend=False))
+    gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
+    return [int(gap[np.argmin(np.maximum(length, _DIRT * most)[gap])]) + 1 for gap in gaps]
+
+
+def _twins_of(mask: UInt8[np.ndarray, "h w"]) -> float:
+    """Of all strokes: piers in a row face each other, the walls beside them nothing."""
+    return twin_share(mask, trace_regions(mask, 0.0))
+
+
+def _edge_lengths(region: shapely.Polygon) -> Float[np.ndarray, " n"]:
+    rings = (region.exterior, *region.interiors)
+    return np.concatenate([np.linalg.norm(np.diff(ring.coords, axis=0), axis=1) for ring in rings])
+
+
+def _touch(regions: Shaped[np.ndarray, " n"], mask: UInt8[np.ndarray, "h w"]) -> np.ndarray:
+    """(n,) Whether a corner of each region lies on a mask or 3 px beside."""
+    near = np.asarray(cv2.dilate(mask, np.ones((7, 7), np.uint8))) > 0
+    corners, of = shapely.get_coordinates(regions, return_index=True)
+    u, v = np.round(corners).astype(int).T
+    height, width = mask.shape
+    is_near = near[np.clip(v, 0, height - 1), np.clip(u, 0, width - 1)]
+    return np.bincount(of[is_near], minlength=len(regions)) > 0
