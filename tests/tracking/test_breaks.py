@@ -268,3 +268,40 @@ def test_surfaces_alone_make_no_long_step_of_a_usual_one(rng, n_inliers, n_found
         "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions()
     )
     assert len(tracking.breaks) == n_found
+
+
+def straight(n=60, step_m=0.5):
+    """Poses of a walk along x, looking ahead all the way."""
+    way = np.column_stack([step_m * np.arange(n), np.zeros((n, 2))])
+    return se3.make_transform(np.tile(np.eye(3), (n, 1, 1)), way)
+
+
+def slid_along_x(motions, step, slide_m):
+    """The motions over a step as a corridor's surfaces show them: anything along it, with nothing known."""
+    over = (motions.pairs[:, 0] <= step) & (motions.pairs[:, 1] > step)
+    a_from_b, covariance, counts = (
+        motions.a_from_b.copy(), motions.covariance.copy(), motions.n_inliers.copy()
+    )  # fmt: skip
+    a_from_b[over, 0, 3] += slide_m
+    covariance[over, 3, 3] = 100.0
+    counts[over] = 20
+    return MeasuredMotions(motions.pairs, a_from_b, covariance, counts)
+
+
+@pytest.mark.parametrize("slide_m", [-0.8, 0.0, 0.8])
+def test_where_surfaces_leave_a_direction_free_the_walk_goes_on_after_a_jump(rng, slide_m):
+    """Ends 0.8 m off along the corridor where what they say of it counts."""
+    true, step = straight(), 30
+    motions = slid_along_x(measure(true, rng, neighbours=3), step, slide_m)
+    spoilt = true.copy()
+    turn = se3.exp_so3(np.array([0.0, 0.0, np.deg2rad(15.0)]))
+    centre = true[step + 1, :3, 3]
+    moved = se3.make_transform(turn, centre - turn @ centre + [0.3, 0.9, 0.0])
+    spoilt[step + 1 :] = moved @ spoilt[step + 1 :]
+    tracking = judged(spoilt, motions)
+    assert [found.first_frame for found in tracking.breaks] == [step]
+    off_m, off_rad = step_errors(tracking.world_from_cams, true)
+    assert off_m < 0.1
+    assert off_rad < np.deg2rad(1.0)
+    # Unsure by half a step along the corridor, and by little across.
+    assert 0.1 < tracking.odometry.sigma_translation[step] < 0.3

@@ -58,6 +58,19 @@ def test_only_long_steps_that_nothing_confirms_are_doubtful(laps, rng):
     assert len(judged(jumped, unmeasured, mend=False).doubtful_steps) == 0
 
 
+@pytest.mark.parametrize(("sigma_m", "doubtful"), [(10.0, [40]), (0.02, [])])
+def test_motions_that_leave_a_direction_free_confirm_no_long_step(laps, rng, sigma_m, doubtful):
+    """Surfaces of a corridor agree with any step along it, the recorded one too."""
+    jumped = displaced(laps, 41, len(laps) - 1, 5.0, 0.0, rng)
+    motions = measure(jumped, rng)
+    over = (motions.pairs[:, 0] <= 40) & (motions.pairs[:, 1] > 40)
+    covariance = motions.covariance.copy()
+    covariance[over, 3, 3] = sigma_m**2
+    tracking = judged(jumped, replace(motions, covariance=covariance))
+    assert tracking.doubtful_steps.tolist() == doubtful
+    assert tracking.breaks == ()
+
+
 def test_open_steps_are_as_unsure_as_they_are_long(laps, rng):
     odometry = judged(laps, measure(laps, rng)).odometry
     opened = with_open_steps(odometry, np.array([7]))

@@ -86,8 +86,8 @@ class _Tracker:
         for d in displaced:
             # The step onto the first displaced frame, and where later frames stayed, that off the last.
             steps = [d.first - 1] + ([d.last] if d.last < len(poses) - 1 else [])
-            rotation[steps] = np.hypot(rotation[steps], d.sigma_rotation)
-            translation[steps] = np.hypot(translation[steps], d.sigma_translation)
+            rotation[steps] = np.hypot(rotation[steps], d.sigmas[0])
+            translation[steps] = np.hypot(translation[steps], d.sigmas[1])
         for step, sigmas in (replaced or {}).items():
             rotation[step], translation[step] = sigmas
         return replace(odometry, sigma_rotation=rotation, sigma_translation=translation)

@@ -18,6 +18,8 @@ depth and of the clock. With it, motions of ConSLAM depart from true ones by 1.2
 numbers and 2.5 in the ninth decile, where 2.3 and 3.3 would be exact."""
 FLOOR_DEG, FLOOR_M = 0.1, 0.01
 """No measured motion is surer than this, each axis: exposure takes its time, and clocks differ."""
+FREE = 1e-2
+"""Information (1 / m^2, 1 / rad^2) in directions that surfaces leave free."""
 MAX_SIGMAS = SAME_MOTION_SIGMAS.value
 """Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
 MIN_MATCHES_ALONE = 50
@@ -84,9 +86,9 @@ def measured_motions(verified: VerifiedPairs) -> MeasuredMotions:
 
 
 def surface_motions(surfaces: SurfacePairs) -> MeasuredMotions:
-    """Motions of pairs matched by their surfaces; of a radian and a metre in directions left free."""
+    """Motions of pairs matched by their surfaces; of ten radians and metres in directions left free."""
     floor = np.repeat([np.deg2rad(FLOOR_DEG) ** 2, FLOOR_M**2], 3)
-    covariance = np.linalg.inv(surfaces.information + np.eye(6)) + np.diag(floor)
+    covariance = np.linalg.inv(surfaces.information + FREE * np.eye(6)) + np.diag(floor)
     n_inliers = np.full(len(surfaces), int(EFFECTIVE_MATCHES))
     return MeasuredMotions(surfaces.pairs, surfaces.a_from_b, covariance, n_inliers)
 

@@ -101,7 +101,10 @@ def find_doubtful(
         departures(motions, world_from_cams), expected_covariance(motions, odometry)
     )
     n_steps = len(world_from_cams) - 1
-    is_confirmed = spanned_steps(motions.pairs[squared < MAX_SIGMAS**2], n_steps)
+    # Along a corridor surfaces agree with any step.
+    widest = np.linalg.eigvalsh(motions.covariance[:, 3:, 3:])[:, -1]
+    confirms = (squared < MAX_SIGMAS**2) & (widest < MIN_JUMP_M**2)
+    is_confirmed = spanned_steps(motions.pairs[confirms], n_steps)
     length, angle = step_sizes(odometry.cam_from_next)
     is_long = np.zeros(n_steps, dtype=bool)
     if n_steps and is_confirmed.any():
