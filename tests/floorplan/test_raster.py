@@ -267,6 +267,8 @@ def test_scale_makes_it_metric(tmp_path: Path) -> None:
     path = saved(tmp_path / "plan.png", drawn(n_rooms=1).image)
     plan, scaled = read_floorplan(path), read_floorplan(path, PlanOptions(metres_per_unit=1 / 55))
     assert scaled.is_metric
+    assert "--scale" in plan.source.unit_from
+    assert scaled.source.unit_from == "--scale"
     assert_allclose(scaled.ends, plan.ends / 55)
     assert_allclose(scaled.thickness, plan.thickness / 55)
     with pytest.raises(FloorplanError, match="--scale"):

@@ -53,7 +53,6 @@ from planfit.floorplan.raster.sheet_marks import (
 )
 from planfit.floorplan.raster.trace import settle_faces
 from planfit.floorplan.raster.walls_alone import find_walls_alone
-from planfit.floorplan.raster.words import count_words
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
 
@@ -68,8 +67,10 @@ LINES_ENLARGED = 2
 FAINT_LINE = 0.5 * LINE
 """Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
 be dark: between two plans is blank paper."""
-_LEAST_WORDS = 4
-"""Fewer rows of small marks may be anything: masks of sites have none, a villa without words three."""
+_UNKNOWN_SCALE = (
+    "unknown: a picture does not tell; where a length is written in it, give --scale with its metres divided "
+    "by the pixels of its line"
+)
 _LEAST_STRAIGHT = 0.35
 _LEAST_LONG_SHARE = 0.25
 
@@ -137,7 +138,7 @@ def plan_of_picture(
     if ink is not None:
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:
-        plan = _with_words_seen(plan, small)
+        plan = replace(plan, source=replace(plan.source, unit_from=_UNKNOWN_SCALE))
     plan = _enlarged(plan, pixels_per_read)
     metres = choose_unit(options.unit, options.metres_per_unit).metres
     return plan if metres is None else plan.scaled(metres)
@@ -160,18 +161,6 @@ def _are_lines_touching(interpretation: Interpretation) -> bool:
     own pixels, and a thin wall one bar hardly wider than a line."""
     candidate = interpretation.candidate
     return candidate.style.family is WallStyle.LINES and candidate.grow_px <= 0.5
-
-
-def _with_words_seen(plan: Floorplan, small: Float[np.ndarray, "h w"]) -> Floorplan:
-    """The plan of unknown scale with a word on what may tell it to a person."""
-    told = "unknown: a picture does not tell"
-    n_words = count_words((small > LINE).astype(np.uint8), find_extent(small))
-    if n_words >= _LEAST_WORDS:
-        told += (
-            f"; about {n_words} words or numbers are in it, which are not read: where one is a length, give "
-            "--scale with its metres divided by the pixels of its line"
-        )
-    return replace(plan, source=replace(plan.source, unit_from=told))
 
 
 def _enlarged(plan: Floorplan, factor: int) -> Floorplan:

@@ -25,8 +25,6 @@ from planfit.floorplan.raster.trace import trace_regions
 
 _LEAST_BLACK = 0.5
 """Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
-_LEAST_STRAIGHT = 0.4
-"""Of the outline, in edges at least half as long again as walls are thick: circles have less."""
 _FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
 """Outlines are found in a picture of about this size at least, enlarged this many times at most."""
 _SPECK_PX, _SPECK = 3, 0.33
@@ -42,11 +40,9 @@ def find_walls_alone(
         small: darkness that walls are looked for in, without the frame of the sheet.
         full: the same with all its pixels, for outlines finer than those.
     """
-    n_dark = int((small > LINE).sum())
     black = (small > INK).astype(np.uint8)
-    if n_dark == 0 or opened(black, 2).sum() < _LEAST_BLACK * n_dark:
-        return None
-    if are_patchy(small):
+    n_dark = int((small > LINE).sum())
+    if opened(black, 2).sum() < _LEAST_BLACK * n_dark or are_patchy(small):
         return None
     width = least_wall_width(black, max(small.shape))
     if width.least_px == 0 or not width.is_all:
@@ -60,8 +56,6 @@ def find_walls_alone(
     usual = weighted_median(thickness, length)
     straight = sum(straight_length(wall, max(1.5 * usual, 6.0)) for wall in walls)
     share = straight / float(length.sum())
-    if share < _LEAST_STRAIGHT:
-        return None
     candidate = Candidate(
         WallStyle.BLACK_ALONE, mask, "edge", INK, 0.0, 2.0, unsure_px=width.unsure_px
     )
