@@ -27,8 +27,10 @@ def test_all_is_wall_where_no_pen_drew() -> None:
     assert found.unsure_px == 0
 
 
-def test_lines_of_a_pen_alone_are_no_walls() -> None:
-    assert least_wall_width(flat(outer_px=2, partition_px=2, pen_px=2), EXTENT).least_px == 0
+def test_walls_drawn_as_single_strokes_are_walls() -> None:
+    found = least_wall_width(flat(outer_px=2, partition_px=2), EXTENT)
+    assert found.is_all
+    assert found.least_px == 2
 
 
 def test_two_lines_a_wall_are_no_solid_walls() -> None:

@@ -30,14 +30,14 @@ _MOST_TWINS = 0.21
 """Of the thickest strokes: walls have 0.19 at most, lines where all is drawn with them 0.24 and
 more, in the marked pictures."""
 _LEAST_PX = 3.0
-"""Thinner strokes may be a pen's, where none are thicker: lines are drawn 1 to 3 px wide."""
+"""Thinner strokes may be a pen's, where none are thicker: half as many may be twins (0.01 where walls are
+drawn so, 0.21 where outlines of rooms are)."""
 _LONG = 6.0
 """An edge is long from so many thicknesses of the thicker walls: leaves of doors are shorter."""
 _DIRT = 0.02
 """Of the length of all strokes, what is left of round and slanted ones, and specks."""
 _UNSURE, _MANY = 0.5, 1.0
-"""Nearer to even log odds, strokes are taken for walls, and doubted where they are together longer than so
-many sides of the drawing: a plan without its partitions is no use, one with leaves of doors is still one."""
+"""Nearer to even log odds, strokes that are together longer than so many sides of the drawing are doubted."""
 FEATURES = ("log_ratio", "long", "apart", "root_twins")
 """Of a kind, what it is weighed by."""
 _WEIGHTS = {"one": 3.34, "log_ratio": 2.16, "long": 2.37, "apart": -2.43, "root_twins": -4.7}
@@ -106,8 +106,10 @@ def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth
     for kind in kinds_of_strokes(mask, extent):
         length += kind.length
         if kind.is_base:
+            of_all = _twins_of(mask)
             is_thin = kind.thickness_px < _LEAST_PX
-            if length >= _BASE and (is_thin or min(kind.twins, _twins_of(mask)) > _MOST_TWINS):
+            twins = 2 * of_all if is_thin else min(kind.twins, of_all)
+            if length >= _BASE and twins > _MOST_TWINS:
                 break
         else:
             total += kind.length * kind.log_odds
