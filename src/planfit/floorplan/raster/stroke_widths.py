@@ -103,10 +103,11 @@ def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth
     """
     total, most, best, length, unsure = 0.0, 0.0, 0, 0.0, 0.0
     is_all = True
+    # Of all strokes: piers in a row face each other, the walls beside them nothing.
+    of_all = twin_share(mask, trace_regions(mask, 0.0))
     for kind in kinds_of_strokes(mask, extent):
         length += kind.length
         if kind.is_base:
-            of_all = _twins_of(mask)
             is_thin = kind.thickness_px < _LEAST_PX
             twins = 2 * of_all if is_thin else min(kind.twins, of_all)
             if length >= _BASE and twins > _MOST_TWINS:
@@ -119,7 +120,7 @@ def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth
             most, best, is_all = total, kind.least_px, True
         elif kind.length > _DIRT * length:
             is_all = False
-    is_all = is_all and best > 0 and _twins_of(mask) <= _MOST_TWINS
+    is_all = is_all and best > 0 and of_all <= _MOST_TWINS
     # A slanted wall is thinner to a square that is moved over it.
     return WallWidth(math.ceil(best / math.sqrt(2)), is_all, unsure)
 
@@ -187,11 +188,6 @@ def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
     label = np.cumsum(np.diff(is_empty, prepend=False))
     gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
     return [int(gap[np.argmin(np.maximum(length, _DIRT * most)[gap])]) + 1 for gap in gaps]
-
-
-def _twins_of(mask: UInt8[np.ndarray, "h w"]) -> float:
-    """Of all strokes: piers in a row face each other, the walls beside them nothing."""
-    return twin_share(mask, trace_regions(mask, 0.0))
 
 
 def _edge_lengths(region: shapely.Polygon) -> Float[np.ndarray, " n"]:
