@@ -13,7 +13,7 @@ from planfit.floorplan.columns import ELONGATED
 from planfit.floorplan.elements import PARALLEL
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import Candidate
-from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.trace import straight_length, trace_regions
 
 STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
@@ -146,15 +146,6 @@ def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shap
         for part in shapely.get_parts(joined)
         if isinstance(part, shapely.Polygon) and part.area > 0
     )
-
-
-def straight_length(region: shapely.Polygon, least_px: float) -> float:
-    """Length of a polygon's edges that are at least so long."""
-    total = 0.0
-    for ring in (region.exterior, *region.interiors):
-        length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)
-        total += float(length[length >= least_px].sum())
-    return total
 
 
 def _are_columns(

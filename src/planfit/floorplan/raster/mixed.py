@@ -20,10 +20,10 @@ from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
     measure_forms,
-    straight_length,
     worth_of_walls,
 )
 from planfit.floorplan.raster.openings import find_openings
+from planfit.floorplan.raster.trace import straight_length
 from planfit.floorplan.vector.regions import faces_of_regions
 
 _TOUCHING_PX = 3.0

@@ -31,7 +31,6 @@ from planfit.floorplan.raster.interpretation import (
     STRAIGHT,
     Interpretation,
     interpret,
-    straight_length,
 )
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
@@ -51,7 +50,7 @@ from planfit.floorplan.raster.sheet_marks import (
     without_frame,
     without_signs,
 )
-from planfit.floorplan.raster.trace import settle_faces
+from planfit.floorplan.raster.trace import settle_faces, straight_length
 from planfit.floorplan.raster.walls_alone import find_walls_alone
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions

@@ -18,7 +18,7 @@ from jaxtyping import Float, Shaped, UInt8
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.trace import straight_length, trace_regions
 from planfit.floorplan.raster.twins import twin_share
 
 _VALLEY = 0.5
@@ -145,14 +145,14 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         own_usual = weighted_median(thickness, outline)
         is_base = bool(outlines.sum() < _BASE * extent)
         usual = own_usual if is_base else weighted_median(thicknesses, outlines)
-        edges = np.concatenate([_edge_lengths(region) for region in regions])
+        long = sum(straight_length(region, _LONG * usual) for region in regions)
         yield Kind(
             least,
             own_usual,
             outline.sum() / extent,
             is_base,
             math.log(own_usual / usual),
-            edges[edges > _LONG * usual].sum() / outline.sum(),
+            long / outline.sum(),
             outline[~_touch(regions, thicker)].sum() / outline.sum(),
             twin_share(own, list(regions)),
             tuple(regions),
@@ -188,11 +188,6 @@ def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
     label = np.cumsum(np.diff(is_empty, prepend=False))
     gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
     return [int(gap[np.argmin(np.maximum(length, _DIRT * most)[gap])]) + 1 for gap in gaps]
-
-
-def _edge_lengths(region: shapely.Polygon) -> Float[np.ndarray, " n"]:
-    rings = (region.exterior, *region.interiors)
-    return np.concatenate([np.linalg.norm(np.diff(ring.coords, axis=0), axis=1) for ring in rings])
 
 
 def _touch(regions: Shaped[np.ndarray, " n"], mask: UInt8[np.ndarray, "h w"]) -> np.ndarray:

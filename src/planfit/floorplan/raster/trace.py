@@ -55,6 +55,15 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
     return result
 
 
+def straight_length(region: shapely.Polygon, least_px: float) -> float:
+    """Length of a polygon's edges that are at least so long."""
+    total = 0.0
+    for ring in (region.exterior, *region.interiors):
+        length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)
+        total += float(length[length >= least_px].sum())
+    return total
+
+
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
     """Inside of a contour, its edge moved out by `reach`."""
     ring = straighten(contour[:, 0].astype(float))

@@ -18,10 +18,10 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import INK, LINE, Candidate, WallStyle, are_patchy
-from planfit.floorplan.raster.interpretation import Interpretation, straight_length
+from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.stroke_widths import least_wall_width
-from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.trace import straight_length, trace_regions
 
 _LEAST_BLACK = 0.5
 """Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
