@@ -14,8 +14,8 @@ from planfit.scan import ScanFiles
 from planfit.scan.types import Label
 from planfit.scan.views import FilesView, SelectedFiles
 from planfit.synth import Renderer, make_lights, make_quads
-from planfit.synth.materials import FABRIC_COLORS, Material
 from planfit.synth.mesh import Quads
+from planfit.synth.quads import FABRIC_COLORS, Material
 from planfit.synth.scan import SynthFiles
 from planfit.synth.walls import Part
 

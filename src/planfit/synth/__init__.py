@@ -3,7 +3,6 @@
 from planfit.synth.building import Building as Building
 from planfit.synth.building import facap_segments as facap_segments
 from planfit.synth.building import make_building as make_building
-from planfit.synth.drift import drift_poses as drift_poses
 from planfit.synth.facap import write_facap as write_facap
 from planfit.synth.mesh import make_lights as make_lights
 from planfit.synth.mesh import make_quads as make_quads
@@ -21,6 +20,7 @@ from planfit.synth.render import View as View
 from planfit.synth.scan import SyntheticScan as SyntheticScan
 from planfit.synth.scan import make_camera as make_camera
 from planfit.synth.scan import make_scan as make_scan
+from planfit.synth.sensor_noise import drift_poses as drift_poses
 from planfit.synth.sensor_noise import noisy_depth as noisy_depth
 from planfit.synth.storeys import ON_STAIRS as ON_STAIRS
 from planfit.synth.storeys import StoreyedBuilding as StoreyedBuilding

@@ -10,7 +10,8 @@ from scipy import ndimage
 
 from planfit.geometry import segments
 from planfit.synth.layout import BuildingLayout, Door
-from planfit.synth.materials import (
+from planfit.synth.options import WALKWAY_M, BuildingOptions
+from planfit.synth.quads import (
     CARDBOARD,
     DARK,
     FABRIC_COLORS,
@@ -18,11 +19,11 @@ from planfit.synth.materials import (
     WHITE,
     WOOD_COLORS,
     Box,
+    Collector,
     Color,
     Material,
+    add_box,
 )
-from planfit.synth.options import WALKWAY_M, BuildingOptions
-from planfit.synth.quads import Collector, add_box
 from planfit.synth.rect import Rect
 
 

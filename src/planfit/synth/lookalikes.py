@@ -11,7 +11,7 @@ from planfit.geometry import segments
 from planfit.priors import DOOR_LEAF_THICKNESS_M
 from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.layout import BuildingLayout
-from planfit.synth.materials import FABRIC_COLORS, WHITE, WOOD_COLORS, Box, Material
+from planfit.synth.quads import FABRIC_COLORS, WHITE, WOOD_COLORS, Box, Material
 
 NEAREST_M, FURTHEST_M = 5.0, 20.0
 """Two posters are further apart than the first, and each is nearer than the second to another."""

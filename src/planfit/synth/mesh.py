@@ -4,17 +4,26 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
 from planfit.synth.building import Building, copied_rooms
 from planfit.synth.furniture import Piece, add_hangings
 from planfit.synth.lookalikes import Poster, turn_to
-from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, WOOD_COLORS, Box, Material
 from planfit.synth.options import OUTER_WALL_M
-from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
-from planfit.synth.rect import Rect
+from planfit.synth.quads import (
+    FLOORS,
+    WALL_COLORS,
+    WHITE,
+    WOOD_COLORS,
+    Box,
+    Collector,
+    Lights,
+    Material,
+    Quads,
+    add_box,
+    join,
+)
 from planfit.synth.walls import Part
 
 LAMP_SPACING_M = 3.5
@@ -34,14 +43,7 @@ def make_quads(building: Building, rng: np.random.Generator) -> Quads:
     quads = collector.quads(rng)
     if building.options.same_rooms:
         quads = _with_same_rooms(quads, building)
-    rotation = building.plan_from_building[:3, :3]
-    return replace(
-        quads,
-        origin=quads.origin @ rotation.T,
-        u_axis=quads.u_axis @ rotation.T,
-        v_axis=quads.v_axis @ rotation.T,
-        normal=quads.normal @ rotation.T,
-    )
+    return quads.turned(building.plan_from_building[:3, :3])
 
 
 def make_lights(building: Building) -> Lights:
@@ -63,38 +65,23 @@ def make_lights(building: Building) -> Lights:
     )
 
 
-def _flat(rect: Rect, z: float, normal_z: float) -> Float[np.ndarray, "4 3"]:
-    return np.array([(rect.x0, rect.y0, z), X, Y, normal_z * Z])
-
-
-def _flat_size(rect: Rect) -> tuple[float, float]:
-    return float(rect.size[0]), float(rect.size[1])
-
-
 def _add_floors_and_ceilings(building: Building, collector: Collector) -> None:
     height = building.options.height_m
     for i, room in enumerate(building.layout.rooms):
         material, color = FLOORS[i % len(FLOORS)]
-        size = _flat_size(room)
-        collector.add(_flat(room, 0.0, 1.0), size, Label.FLOOR, material, color, i)
-        collector.add(_flat(room, height, -1.0), size, Label.CEILING, Material.CEILING, WHITE, i)
+        collector.add_level(room, 0.0, 1.0, Label.FLOOR, material, color, i)
+        collector.add_level(room, height, -1.0, Label.CEILING, Material.CEILING, WHITE, i)
 
 
 def _add_walls(building: Building, collector: Collector) -> None:
     options, faces = building.options, building.faces
-    along = segments.directions(faces.ends)
-    normals = segments.left_normals(faces.ends)
-    lengths = segments.lengths(faces.ends)
     door, ceiling = options.door_height_m, options.height_m
     z_range = {Part.FULL: (0.0, ceiling), Part.LINTEL: (door, ceiling), Part.JAMB: (0.0, door)}
     for i, part in enumerate(faces.parts):
-        low, high = z_range[Part(part)]
-        axes = np.array([(*faces.ends[i, 0], low), (*along[i], 0.0), Z, (*normals[i], 0.0)])
         label = Label.COLUMN if faces.is_column[i] else Label.WALL
         room = int(faces.rooms[i])
         color = WALL_COLORS[room % len(WALL_COLORS)] if room >= 0 else WHITE
-        size = (float(lengths[i]), high - low)
-        collector.add(axes, size, label, Material.PLASTER, color, max(room, -1))
+        collector.add_upright(faces.ends[i], z_range[Part(part)], color, max(room, -1), label)
 
 
 def _add_doorways(building: Building, collector: Collector) -> None:
@@ -106,10 +93,8 @@ def _add_doorways(building: Building, collector: Collector) -> None:
         corridor = building.layout.corridor
         rect = door.rect
         room = corridor if building.options.same_rooms and corridor is not None else door.rooms[0]
-        size = _flat_size(rect)
-        floor, soffit = _flat(rect, 0.0, 1.0), _flat(rect, top, -1.0)
-        collector.add(floor, size, Label.FLOOR, Material.PLANKS, WOOD_COLORS[1], room)
-        collector.add(soffit, size, Label.OTHER, Material.PAINT, WHITE, room)
+        collector.add_level(rect, 0.0, 1.0, Label.FLOOR, Material.PLANKS, WOOD_COLORS[1], room)
+        collector.add_level(rect, top, -1.0, Label.OTHER, Material.PAINT, WHITE, room)
         half = (rect.size[1] if door.is_across_x else rect.size[0]) / 2
         frame = [
             Box((-half - width, 0.0, 0.0), (-half, depth, top + width), Material.PAINT, WHITE),
@@ -183,15 +168,7 @@ def _with_same_rooms(quads: Quads, building: Building) -> Quads:
     for room in copied:
         is_turned, to = turn_to(building.layout, 0, room)
         turn = np.diag([-1.0, -1.0, 1.0]) if is_turned else np.eye(3)
-        copy = quads.take(original)
-        rooms.append(
-            replace(
-                copy,
-                origin=(copy.origin - centre) @ turn + (*to, 0.0),
-                u_axis=copy.u_axis @ turn,
-                v_axis=copy.v_axis @ turn,
-                normal=copy.normal @ turn,
-                room=np.full(len(copy), room),
-            )
-        )
+        copy = replace(quads.take(original), room=np.full(len(original), room))
+        copy = replace(copy, origin=copy.origin - centre).turned(turn)
+        rooms.append(replace(copy, origin=copy.origin + np.array([*to, 0.0])))
     return join([kept, *rooms])

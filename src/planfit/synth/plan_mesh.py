@@ -3,17 +3,26 @@
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
 from planfit.synth.furniture import add_hangings
-from planfit.synth.materials import FLOORS, WALL_COLORS, WHITE, Box, Color, Material
 from planfit.synth.mesh import LAMP_SPACING_M, add_piece, add_posters
 from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.plan_space import look_up
 from planfit.synth.plan_walls import MAX_WALL_M
-from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box
+from planfit.synth.quads import (
+    FLOORS,
+    WALL_COLORS,
+    WHITE,
+    Box,
+    Collector,
+    Lights,
+    Material,
+    Quads,
+    Z,
+    add_box,
+)
 
 _BEYOND_M = 5.0
 """Floor and ceiling reach so far out of the building: what is seen through its outer doors."""
@@ -52,14 +61,9 @@ def _add_floor_and_ceiling(
     building: PlanBuilding, collector: Collector, rng: np.random.Generator
 ) -> None:
     rect = building.bounds.grown(_BEYOND_M)
-    size = (float(rect.size[0]), float(rect.size[1]))
-    material, color = FLOORS[int(rng.integers(len(FLOORS)))]
-    for z, label, facing, what in (
-        (0.0, Label.FLOOR, 1.0, (material, color)),
-        (building.options.height_m, Label.CEILING, -1.0, (Material.CEILING, WHITE)),
-    ):
-        axes = np.array([(rect.x0, rect.y0, z), X, Y, facing * Z])
-        collector.add(axes, size, label, *what, _UNLIT)
+    height, floor = building.options.height_m, FLOORS[int(rng.integers(len(FLOORS)))]
+    collector.add_level(rect, 0.0, 1.0, Label.FLOOR, *floor, _UNLIT)
+    collector.add_level(rect, height, -1.0, Label.CEILING, Material.CEILING, WHITE, _UNLIT)
 
 
 def _add_walls(building: PlanBuilding, collector: Collector) -> None:
@@ -68,14 +72,14 @@ def _add_walls(building: PlanBuilding, collector: Collector) -> None:
     rooms = look_up(building.cells.room, building.cells.low, front, -1)
     for pair, room in zip(ends, rooms, strict=True):
         color = WALL_COLORS[int(room) % len(WALL_COLORS)] if room >= 0 else WHITE
-        _add_upright(pair, (0.0, building.options.height_m), color, collector)
+        collector.add_upright(pair, (0.0, building.options.height_m), color, _UNLIT)
 
 
 def _add_lintels(building: PlanBuilding, collector: Collector) -> None:
     """Above openings that the plan marks, walls go on."""
     walls, options = building.walls, building.options
     for pair in walls.lintels:
-        _add_upright(pair, (options.door_height_m, options.height_m), WHITE, collector)
+        collector.add_upright(pair, (options.door_height_m, options.height_m), WHITE, _UNLIT)
     along, left = segments.directions(walls.soffits), segments.left_normals(walls.soffits)
     lengths = segments.lengths(walls.soffits)
     for i, depth in enumerate(walls.soffit_depths):
@@ -84,16 +88,6 @@ def _add_lintels(building: PlanBuilding, collector: Collector) -> None:
                          (*v, 0.0), -Z])  # fmt: skip
         size = (float(lengths[i]), abs(float(depth)))
         collector.add(axes, size, Label.OTHER, Material.PAINT, WHITE, _UNLIT)
-
-
-def _add_upright(
-    ends: Float[np.ndarray, "2 2"], z: tuple[float, float], color: Color, collector: Collector
-) -> None:
-    along = segments.directions(ends[None])[0]
-    normal = segments.left_normals(ends[None])[0]
-    axes = np.array([(*ends[0], z[0]), (*along, 0.0), Z, (*normal, 0.0)])
-    size = (float(segments.lengths(ends[None])[0]), z[1] - z[0])
-    collector.add(axes, size, Label.WALL, Material.PLASTER, color, _UNLIT)
 
 
 def _add_lamps(building: PlanBuilding, collector: Collector) -> None:

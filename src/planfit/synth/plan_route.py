@@ -124,32 +124,15 @@ def _choose_stops(
     stops: list[int] = []
     for room, nodes in zip(building.rooms, inside, strict=True):
         reached = nodes[part[nodes] == main]
-        if len(reached) == 0:
-            continue
-        clear = grid.clearance[reached]
-        roomy = reached[clear >= min(0.7, np.quantile(clear, 0.6))]
-        count = max(1, round(room.area / options.area_per_stop_m2))
-        stops += _far_apart(grid.xy, roomy, count, rng)
+        if len(reached):
+            stops += grid.stops(reached, room.area, options, rng)
     if len(stops) < 2:
         # One small room, or none that is large: to its far end and back.
         nodes = np.flatnonzero(part == main)
         first = stops[0] if stops else int(nodes[rng.integers(len(nodes))])
-        away = np.linalg.norm(grid.xy[nodes] - grid.xy[first], axis=1)
-        stops = [first, int(nodes[np.argmax(away)])]
+        stops = [first, grid.furthest(nodes, first)]
     begin = int(rng.integers(len(stops)))
     return np.array(stops[begin:] + stops[:begin])
-
-
-def _far_apart(
-    xy: Float[np.ndarray, "n 2"], nodes: Int[np.ndarray, " m"], count: int, rng: np.random.Generator
-) -> list[int]:
-    """So many of the nodes, each as far as can be from those before."""
-    gap = np.linalg.norm(xy[nodes] - xy[nodes[rng.integers(len(nodes))]], axis=1)
-    chosen: list[int] = []
-    for _ in range(count):
-        chosen.append(int(nodes[np.argmax(gap)]))
-        gap = np.minimum(gap, np.linalg.norm(xy[nodes] - xy[chosen[-1]], axis=1))
-    return list(dict.fromkeys(chosen))
 
 
 def _visit(

@@ -1,13 +1,86 @@
-"""Rectangles with labels and materials: what synthetic buildings are rendered from."""
+"""Boxes, and the rectangles with labels and materials that synthetic buildings are rendered from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Float, Int, Integer, UInt8
 
+from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.materials import CARDBOARD, Box, Color, Material
+from planfit.synth.rect import Rect
+
+
+class Material(IntEnum):
+    """What a surface is made of; `texture.py` paints each."""
+
+    PLASTER = 0
+    CEILING = 1
+    PLANKS = 2
+    TILES = 3
+    CARPET = 4
+    WOOD = 5
+    FABRIC = 6
+    BOOKS = 7
+    PICTURE = 8
+    NOTES = 9
+    WINDOW = 10
+    CABINET = 11
+    PAINT = 12
+    LAMP = 13
+    CARDBOARD = 14
+    EVEN = 15
+
+
+Color = tuple[float, float, float]
+"""Linear red, green, blue from 0 to 1."""
+
+
+@dataclass(frozen=True)
+class Box:
+    """A box in the frame of its piece: x along the wall, y into the room, z up, m."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    material: Material
+    color: Color
+    front: Material | None = None
+    """Material of the side towards the room, where it differs."""
+
+
+WALL_COLORS: tuple[Color, ...] = (
+    (0.72, 0.70, 0.65),
+    (0.66, 0.69, 0.70),
+    (0.70, 0.64, 0.54),
+    (0.60, 0.67, 0.60),
+    (0.72, 0.62, 0.58),
+    (0.58, 0.63, 0.71),
+)
+FLOORS: tuple[tuple[Material, Color], ...] = (
+    (Material.PLANKS, (0.50, 0.34, 0.21)),
+    (Material.TILES, (0.58, 0.56, 0.52)),
+    (Material.PLANKS, (0.38, 0.27, 0.18)),
+    (Material.CARPET, (0.36, 0.38, 0.44)),
+    (Material.TILES, (0.46, 0.45, 0.46)),
+)
+WOOD_COLORS: tuple[Color, ...] = (
+    (0.55, 0.39, 0.24),
+    (0.36, 0.23, 0.15),
+    (0.68, 0.55, 0.38),
+    (0.72, 0.70, 0.67),
+)
+FABRIC_COLORS: tuple[Color, ...] = (
+    (0.42, 0.20, 0.18),
+    (0.22, 0.33, 0.42),
+    (0.45, 0.43, 0.38),
+    (0.28, 0.38, 0.26),
+    (0.52, 0.42, 0.22),
+)
+CARDBOARD: Color = (0.58, 0.44, 0.29)
+WHITE: Color = (0.78, 0.77, 0.74)
+DARK: Color = (0.10, 0.10, 0.11)
+METAL: Color = (0.45, 0.46, 0.48)
 
 X, Y, Z = np.eye(3)
 
@@ -39,6 +112,16 @@ class Quads:
 
     def __len__(self) -> int:
         return len(self.origin)
+
+    def turned(self, rotation: Float[np.ndarray, "3 3"]) -> "Quads":
+        """The same rotated about the origin."""
+        return replace(
+            self,
+            origin=self.origin @ rotation.T,
+            u_axis=self.u_axis @ rotation.T,
+            v_axis=self.v_axis @ rotation.T,
+            normal=self.normal @ rotation.T,
+        )
 
     def take(self, index: Int[np.ndarray, " k"]) -> "Quads":
         """Those of an index."""
@@ -94,6 +177,34 @@ class Collector:
         self.kind.append((label, material, room))
         self.color.append(color)
         self.seed.append(seed)
+
+    def add_level(
+        self,
+        rect: Rect,
+        z: float,
+        facing: float,
+        label: Label,
+        material: Material,
+        color: Color,
+        room: int,
+    ) -> None:
+        """Add one that lies at a height (m), seen from above (facing 1) or from below (-1)."""
+        axes = np.array([(rect.x0, rect.y0, z), X, Y, facing * Z])
+        self.add(axes, (float(rect.size[0]), float(rect.size[1])), label, material, color, room)
+
+    def add_upright(
+        self,
+        ends: Float[np.ndarray, "2 2"],
+        z: tuple[float, float],
+        color: Color,
+        room: int,
+        label: Label = Label.WALL,
+    ) -> None:
+        """Add plaster that stands on a line from one height (m) to another, seen from the line's left."""
+        (along,), (normal,) = segments.directions(ends[None]), segments.left_normals(ends[None])
+        axes = np.array([(*ends[0], z[0]), (*along, 0.0), Z, (*normal, 0.0)])
+        size = (float(segments.lengths(ends[None])[0]), z[1] - z[0])
+        self.add(axes, size, label, Material.PLASTER, color, room)
 
     def quads(self, rng: np.random.Generator) -> Quads:
         """All that were added, in order; `rng` is the source of the seeds that were not given."""

@@ -30,6 +30,31 @@ class Grid:
     steps: sparse.csr_matrix
     """Cost of the steps between any two, m; (n, n)."""
 
+    def stops(
+        self,
+        nodes: Int[np.ndarray, " m"],
+        area_m2: float,
+        options: WalkOptions,
+        rng: np.random.Generator,
+    ) -> list[int]:
+        """Nodes of a room of this area, one for every so many m2: each as far as can be from those before
+        and, if possible, from walls."""
+        clear = self.clearance[nodes]
+        roomy = nodes[clear >= min(0.7, np.quantile(clear, 0.6))]
+        xy = self.xy[roomy]
+        # The one drawn is only the seed of the others.
+        gap = np.linalg.norm(xy - xy[rng.integers(len(roomy))], axis=1)
+        chosen: list[int] = []
+        for _ in range(max(1, round(area_m2 / options.area_per_stop_m2))):
+            chosen.append(int(roomy[np.argmax(gap)]))
+            gap = np.minimum(gap, np.linalg.norm(xy - self.xy[chosen[-1]], axis=1))
+        return list(dict.fromkeys(chosen))
+
+    def furthest(self, nodes: Int[np.ndarray, " m"], start: int) -> int:
+        """Of some nodes the one furthest from a node."""
+        away = np.linalg.norm(self.xy[nodes] - self.xy[start], axis=1)
+        return int(nodes[np.argmax(away)])
+
 
 def find_route(
     building: Building,
@@ -124,7 +149,7 @@ def _choose_stops(
     """
     _, part = csgraph.connected_components(grid.steps, directed=False)
     is_main = part == np.argmax(np.bincount(part)) if len(part) else np.zeros(0, dtype=bool)
-    stops = []
+    stops: list[int] = []
     for i, room in enumerate(building.layout.rooms):
         inside = np.flatnonzero(is_main & room.contains(grid.xy))
         if len(inside) == 0:
@@ -132,20 +157,9 @@ def _choose_stops(
                 f"clearance_m: expected a way on foot into every room, found none into room {i}; "
                 "use a smaller clearance_m, wider doors, or less furniture"
             )
-        roomy = inside[grid.clearance[inside] >= min(0.7, np.quantile(grid.clearance[inside], 0.6))]
-        count = max(1, round(room.area / options.area_per_stop_m2))
-        chosen = [int(roomy[rng.integers(len(roomy))])]
-        for _ in range(count):
-            gap = np.min(
-                [np.linalg.norm(grid.xy[roomy] - grid.xy[c], axis=1) for c in chosen], axis=0
-            )
-            chosen.append(int(roomy[np.argmax(gap)]))
-        # The first was only the seed of the others.
-        stops.extend(dict.fromkeys(chosen[1:]))
+        stops += grid.stops(inside, room.area, options, rng)
     if len(stops) < 2:
-        room = np.flatnonzero(is_main)
-        away = np.linalg.norm(grid.xy[room] - grid.xy[stops[0]], axis=1)
-        stops.append(int(room[np.argmax(away)]))
+        stops.append(grid.furthest(np.flatnonzero(is_main), stops[0]))
     return np.array(stops)
 
 

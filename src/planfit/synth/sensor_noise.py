@@ -1,13 +1,15 @@
-"""What sensors make of a faultless image: depth noise models, exposure and pixel noise."""
+"""What sensors make of faultless images and poses: depth noise, exposure, pixel noise; odometry drift."""
 
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from planfit.geometry import se3
 from planfit.priors import DEPTH_EDGE_SHARE
 from planfit.synth.options import (
     CameraOptions,
     DepthNoise,
+    DriftOptions,
     NoDepthNoise,
     StructuredLightNoise,
     TimeOfFlightNoise,
@@ -15,6 +17,9 @@ from planfit.synth.options import (
 
 EDGE_SHARE = DEPTH_EDGE_SHARE.value
 """Neighbouring depths that differ by more than this share are a depth edge."""
+TILT_SHARE, VERTICAL_SHARE = 0.3, 0.3
+"""Error about each horizontal axis as a share of that about the vertical, and along the vertical as a share
+of that along the horizontal: gravity is known to a tracker. Measured on ConSLAM at its own frame rate."""
 
 
 def noisy_depth(
@@ -154,3 +159,46 @@ def _in_range(
 ) -> Float[np.ndarray, "h w"]:
     is_out = (read < noise.min_range_m) | (read > noise.max_range_m)
     return np.where(is_lost | is_out, np.nan, read).astype(np.float32)
+
+
+def drift_poses(
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    options: DriftOptions,
+    rng: np.random.Generator,
+    up_world: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "n 4 4"]:
+    """Poses as odometry would give them: the first is kept, errors accumulate from there.
+
+    Each motion from a frame to the next is preceded by a small error at the earlier frame: a rotation
+    about the vertical and the horizontal axes through the camera, and a translation. The axes are those
+    of the true pose, and turn with what has drifted before.
+
+    Args:
+        world_from_cams: true poses.
+        options: standard deviations of the error of each motion.
+        rng: source of the errors.
+        up_world: unit direction against gravity.
+    """
+    n = len(world_from_cams)
+    axes = se3.rotation_between(np.array([0.0, 0.0, 1.0]), np.asarray(up_world, dtype=float))
+    sigma_rotation = np.deg2rad(options.yaw_deg) * np.array([TILT_SHARE, TILT_SHARE, 1.0])
+    sigma_translation = options.translation_m * np.array([1.0, 1.0, VERTICAL_SHARE])
+    rotation = rng.normal(size=(n - 1, 3)) * sigma_rotation
+    translation = rng.normal(size=(n - 1, 3)) * sigma_translation
+    if options.jumps_per_100_frames > 0:
+        jumps = rng.random(n - 1) < options.jumps_per_100_frames / 100
+        rotation[jumps, 2] += rng.normal(size=jumps.sum()) * np.deg2rad(options.jump_yaw_deg)
+        translation[jumps, :2] += rng.normal(size=(jumps.sum(), 2)) * options.jump_m
+    rotations, translations = se3.exp_so3(rotation @ axes.T), translation @ axes.T
+    centres = world_from_cams[:-1, :3, 3]
+    about_camera = centres - (rotations @ centres[..., None])[..., 0]
+    errors = se3.make_transform(rotations, about_camera + translations)
+    result = np.zeros_like(world_from_cams)
+    drifted_from_true = np.eye(4)
+    result[0] = world_from_cams[0]
+    for i in range(1, n):
+        drifted_from_true = drifted_from_true @ errors[i - 1]
+        result[i] = drifted_from_true @ world_from_cams[i]
+    result[:, :3, :3] = se3.project_to_so3(result[:, :3, :3])
+    result[0] = world_from_cams[0]
+    return result

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.priors import SLAB_THICKNESS_M, STAIR_WIDTH_M
-from planfit.synth.materials import METAL, WHITE, Box, Color, Material
+from planfit.synth.quads import METAL, WHITE, Box, Color, Material
 from planfit.synth.rect import Rect
 
 LANDING_M = 1.6

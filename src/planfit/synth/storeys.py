@@ -8,10 +8,22 @@ from jaxtyping import Float, Int
 from planfit.floorplan import Floorplan
 from planfit.scan.types import Label
 from planfit.synth.building import Building, make_storey
-from planfit.synth.materials import WALL_COLORS, WHITE, WOOD_COLORS, Material
 from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.options import BuildingOptions, WalkOptions
-from planfit.synth.quads import Collector, Lights, Quads, X, Y, Z, add_box, join
+from planfit.synth.quads import (
+    WALL_COLORS,
+    WHITE,
+    WOOD_COLORS,
+    Collector,
+    Lights,
+    Material,
+    Quads,
+    X,
+    Y,
+    Z,
+    add_box,
+    join,
+)
 from planfit.synth.route import find_route
 from planfit.synth.stairs import Stairs
 from planfit.synth.walk import evenly_moving, heading, inwards_of, look_ahead, resample, walk_ahead
@@ -93,30 +105,17 @@ def _stairs(building: StoreyedBuilding, k: int, room: int, rng: np.random.Genera
         low, high = ((x, y, floor + z) for x, y, z in (box.low, box.high))
         add_box(replace(box, low=low, high=high), (0.0, 0.0), 0.0, room, collector)
     landing, well = stairs.landing, stairs.well
-    size = (float(landing.size[0]), float(landing.size[1]))
-    origin = np.array([landing.x0, landing.y0, above])
-    collector.add(
-        np.array([origin, X, Y, Z]), size, Label.FLOOR, Material.PLANKS, WOOD_COLORS[0], room
-    )
-    origin = np.array([landing.x0, landing.y0, ceiling])
-    collector.add(np.array([origin, X, Y, -Z]), size, Label.CEILING, Material.CEILING, WHITE, room)
-    edge = np.array([landing.x0, landing.y1, ceiling])
-    slab = above - ceiling
-    collector.add(
-        np.array([edge, X, Z, Y]), (size[0], slab), Label.OTHER, Material.PAINT, WHITE, room
-    )
+    planks = (Material.PLANKS, WOOD_COLORS[0])
+    collector.add_level(landing, above, 1.0, Label.FLOOR, *planks, room)
+    collector.add_level(landing, ceiling, -1.0, Label.CEILING, Material.CEILING, WHITE, room)
+    edge = np.array([(landing.x0, landing.y1, ceiling), X, Z, Y])
+    size = (float(landing.size[0]), above - ceiling)
+    collector.add(edge, size, Label.OTHER, Material.PAINT, WHITE, room)
     corners = [(well.x0, well.y0), (well.x1, well.y0), (well.x1, well.y1), (well.x0, well.y1)]
-    for i, (a, b) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
-        along = np.subtract(b, a)
-        length = float(np.linalg.norm(along))
-        u = np.array([*(along / length), 0.0])
-        axes = np.array([(*a, ceiling), u, Z, np.cross(Z, u)])
+    for i, ends in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
         color = WALL_COLORS[i % len(WALL_COLORS)]
-        collector.add(axes, (length, slab), Label.WALL, Material.PLASTER, color, room)
-    quads = collector.quads(rng)
-    turn = building.plan_from_building[:3, :3].T
-    return replace(quads, origin=quads.origin @ turn, u_axis=quads.u_axis @ turn,
-                   v_axis=quads.v_axis @ turn, normal=quads.normal @ turn)  # fmt: skip
+        collector.add_upright(np.array(ends), (ceiling, above), color, room)
+    return collector.quads(rng).turned(building.plan_from_building[:3, :3])
 
 
 def make_storeyed_lights(building: StoreyedBuilding) -> Lights:

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from planfit.compiled import kernel
-from planfit.synth.materials import Material
 from planfit.synth.noise_field import hashed, inside, octaves, spots, value_noise
+from planfit.synth.quads import Material
 
 _1, _2, _3, _4, _5 = (np.uint64(k) for k in range(101, 106))
 
