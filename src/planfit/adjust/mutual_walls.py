@@ -34,18 +34,6 @@ _PART = 2048
 """Patches at a time: bounds the (patches x faces) tables."""
 
 
-@dataclass(frozen=True)
-class _Choice:
-    """Of each patch, at the plane that its wall chose."""
-
-    plane_idx: Int[np.ndarray, " k"]
-    """-1 where the wall lies beside no plane."""
-    face_idx: Int[np.ndarray, " k"]
-    """Face of that plane that the patch lies beside; -1: none."""
-    signed_m: Float[np.ndarray, " k"]
-    """Distance along the face's normal; NaN without a face."""
-
-
 def mutually_nearest(
     ends: Float[np.ndarray, "k 2 2"],
     normals: Float[np.ndarray, "k 2"],
@@ -71,13 +59,11 @@ def mutually_nearest(
     planes = group_by_plane(
         floorplan.ends, floorplan.normals, floorplan.lengths, PLAN_TOLERANCE_M, 0.5, np.inf
     )
-    wall_to_plane_m = _wall_distances(ends, normals, n_points, walls, floorplan, planes, rule)
-    choice = _choose(ends, normals, walls, wall_to_plane_m, floorplan, planes, rule)
-    is_mutual = _is_nearest_there(ends, walls, wall_to_plane_m, choice, floorplan, planes)
-    return (
-        np.where(is_mutual, choice.signed_m, np.nan),
-        np.where(is_mutual, choice.face_idx, -1),
-    )
+    patches = _Patches(ends, normals, n_points, walls, floorplan, planes, rule)
+    wall_to_plane_m = patches.wall_distances()
+    plane_idx, face_idx, signed_m = patches.choose(wall_to_plane_m)
+    is_mutual = patches.is_nearest_there(wall_to_plane_m, plane_idx, face_idx)
+    return np.where(is_mutual, signed_m, np.nan), np.where(is_mutual, face_idx, -1)
 
 
 def group_by_plane(
@@ -135,93 +121,76 @@ def _fit_line(
     return (normal if normal @ towards > 0 else -normal), centre
 
 
-def _to_planes(
-    ends: np.ndarray,
-    normals: np.ndarray,
-    floorplan: Floorplan,
-    planes: np.ndarray,
-    rule: BesideRule,
-) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
-    """Parts of the patches: distance (m) to each plane (part, planes), and to each face, signed; the faces'
-    order by plane. Infinite and NaN where the patch does not lie beside."""
-    by_plane = np.argsort(planes, kind="stable")
-    first = np.searchsorted(planes[by_plane], np.arange(planes.max() + 1))
-    for begin in range(0, len(ends), _PART):
-        part = slice(begin, min(begin + _PART, len(ends)))
-        signed = distances_of_segments(ends[part], normals[part], floorplan, rule.of(part))
-        distance = np.where(np.isnan(signed), np.inf, np.abs(signed))
-        yield part, np.minimum.reduceat(distance[:, by_plane], first, axis=1), distance, signed
+@dataclass(frozen=True)
+class _Patches:
+    """Patches (k,), the wall of each, and the plane of each face (f,)."""
 
+    ends: np.ndarray
+    normals: np.ndarray
+    n_points: np.ndarray
+    walls: np.ndarray
+    floorplan: Floorplan
+    planes: np.ndarray
+    rule: BesideRule
 
-def _wall_distances(
-    ends: np.ndarray,
-    normals: np.ndarray,
-    n_points: np.ndarray,
-    walls: np.ndarray,
-    floorplan: Floorplan,
-    planes: np.ndarray,
-    rule: BesideRule,
-) -> np.ndarray:
-    """Mean distance (m) from the points of each wall to each plane (walls, planes).
+    def to_planes(self) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+        """Parts of the patches: distance (m) to each plane (part, planes), and to each face, signed; the
+        faces' order by plane. Infinite and NaN where the patch does not lie beside."""
+        by_plane = np.argsort(self.planes, kind="stable")
+        first = np.searchsorted(self.planes[by_plane], np.arange(self.planes.max() + 1))
+        for begin in range(0, len(self.ends), _PART):
+            part = slice(begin, min(begin + _PART, len(self.ends)))
+            own = (self.ends[part], self.normals[part])
+            signed = distances_of_segments(*own, self.floorplan, self.rule.of(part))
+            distance = np.where(np.isnan(signed), np.inf, np.abs(signed))
+            yield part, np.minimum.reduceat(distance[:, by_plane], first, axis=1), distance, signed
 
-    Infinite where less of the wall than `min_overlap`, by points, lies beside the plane's faces.
-    """
-    shape = (walls.max() + 1, planes.max() + 1)
-    total, beside = np.zeros(shape), np.zeros(shape)
-    for part, to_plane, _, _ in _to_planes(ends, normals, floorplan, planes, rule):
-        is_beside = np.isfinite(to_plane)
-        weight = is_beside * n_points[part, None]
-        np.add.at(total, walls[part], np.where(is_beside, to_plane, 0.0) * weight)
-        np.add.at(beside, walls[part], weight)
-    share = beside / np.bincount(walls, weights=n_points)[:, None]
-    return np.where(
-        (share >= rule.min_overlap) & (beside > 0), total / np.maximum(beside, 1), np.inf
-    )
+    def wall_distances(self) -> np.ndarray:
+        """Mean distance (m) from the points of each wall to each plane (walls, planes).
 
+        Infinite where less of the wall than `min_overlap`, by points, lies beside the plane's faces.
+        """
+        walls, shape = self.walls, (self.walls.max() + 1, self.planes.max() + 1)
+        total, beside = np.zeros(shape), np.zeros(shape)
+        for part, to_plane, _, _ in self.to_planes():
+            is_beside = np.isfinite(to_plane)
+            weight = is_beside * self.n_points[part, None]
+            np.add.at(total, walls[part], np.where(is_beside, to_plane, 0.0) * weight)
+            np.add.at(beside, walls[part], weight)
+        share = beside / np.bincount(walls, weights=self.n_points)[:, None]
+        is_enough = (share >= self.rule.min_overlap) & (beside > 0)
+        return np.where(is_enough, total / np.maximum(beside, 1), np.inf)
 
-def _choose(
-    ends: np.ndarray,
-    normals: np.ndarray,
-    walls: np.ndarray,
-    wall_to_plane_m: np.ndarray,
-    floorplan: Floorplan,
-    planes: np.ndarray,
-    rule: BesideRule,
-) -> _Choice:
-    """The nearest plane of each patch's wall, and the face of it that the patch lies beside."""
-    nearest = np.argmin(wall_to_plane_m, axis=1)
-    has_any = np.isfinite(wall_to_plane_m[np.arange(len(nearest)), nearest])
-    plane_idx = np.where(has_any, nearest, -1)[walls]
-    face_idx, signed_m = np.full(len(ends), -1), np.full(len(ends), np.nan)
-    for part, _, distance, signed in _to_planes(ends, normals, floorplan, planes, rule):
-        of_plane = np.where(planes[None] == plane_idx[part, None], distance, np.inf)
-        rows, face = np.arange(len(of_plane)), np.argmin(of_plane, axis=1)
-        found = np.isfinite(of_plane[rows, face])
-        face_idx[part] = np.where(found, face, -1)
-        signed_m[part] = np.where(found, signed[rows, face], np.nan)
-    return _Choice(plane_idx, face_idx, signed_m)
+    def choose(self, wall_to_plane_m: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of each patch (k,) the plane nearest to its wall (-1: none), the face of it that the patch lies
+        beside (-1: none), and the distance along the face's normal (NaN without a face)."""
+        nearest = np.argmin(wall_to_plane_m, axis=1)
+        has_any = np.isfinite(wall_to_plane_m[np.arange(len(nearest)), nearest])
+        plane_idx = np.where(has_any, nearest, -1)[self.walls]
+        face_idx, signed_m = np.full(len(self.ends), -1), np.full(len(self.ends), np.nan)
+        for part, _, distance, signed in self.to_planes():
+            of_plane = np.where(self.planes[None] == plane_idx[part, None], distance, np.inf)
+            rows, face = np.arange(len(of_plane)), np.argmin(of_plane, axis=1)
+            found = np.isfinite(of_plane[rows, face])
+            face_idx[part] = np.where(found, face, -1)
+            signed_m[part] = np.where(found, signed[rows, face], np.nan)
+        return plane_idx, face_idx, signed_m
 
-
-def _is_nearest_there(
-    ends: np.ndarray,
-    walls: np.ndarray,
-    wall_to_plane_m: np.ndarray,
-    choice: _Choice,
-    floorplan: Floorplan,
-    planes: np.ndarray,
-) -> Bool[np.ndarray, " k"]:
-    """Whether no other wall over a patch's middle is nearer to the plane than the patch's own."""
-    is_nearest = np.zeros(len(ends), dtype=bool)
-    for plane in np.unique(choice.plane_idx[choice.face_idx >= 0]):
-        patches = np.flatnonzero((choice.plane_idx == plane) & (choice.face_idx >= 0))
-        rivals = np.flatnonzero(np.isfinite(wall_to_plane_m[:, plane]))
-        along = segments.directions(floorplan.ends[planes == plane][:1])[0]
-        low, high = _extents(ends @ along, walls, rivals)
-        middle = ends[patches].mean(axis=1) @ along
-        is_over = (low <= middle[:, None]) & (middle[:, None] <= high)
-        least = np.where(is_over, wall_to_plane_m[rivals, plane], np.inf).min(axis=1)
-        is_nearest[patches] = wall_to_plane_m[walls[patches], plane] <= least
-    return is_nearest
+    def is_nearest_there(
+        self, wall_to_plane_m: np.ndarray, plane_idx: np.ndarray, face_idx: np.ndarray
+    ) -> Bool[np.ndarray, " k"]:
+        """Whether no other wall over a patch's middle is nearer to the plane than the patch's own."""
+        is_nearest = np.zeros(len(self.ends), dtype=bool)
+        for plane in np.unique(plane_idx[face_idx >= 0]):
+            patches = np.flatnonzero((plane_idx == plane) & (face_idx >= 0))
+            rivals = np.flatnonzero(np.isfinite(wall_to_plane_m[:, plane]))
+            along = segments.directions(self.floorplan.ends[self.planes == plane][:1])[0]
+            low, high = _extents(self.ends @ along, self.walls, rivals)
+            middle = self.ends[patches].mean(axis=1) @ along
+            is_over = (low <= middle[:, None]) & (middle[:, None] <= high)
+            least = np.where(is_over, wall_to_plane_m[rivals, plane], np.inf).min(axis=1)
+            is_nearest[patches] = wall_to_plane_m[self.walls[patches], plane] <= least
+        return is_nearest
 
 
 def _extents(
