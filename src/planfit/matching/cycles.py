@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.geometry import se3
 from planfit.matching.types import RelativePoses
 from planfit.priors import SAME_MOTION_SIGMAS
+from planfit.scan.odometry import Odometry
 
 MAX_SIGMAS = SAME_MOTION_SIGMAS.value
 """Largest departure of a consistent motion, in sigmas, where sigma is small against a building."""
@@ -68,6 +69,19 @@ def by_way_of(
     i_from_k = se3.inverse(world_from_cams[i]) @ world_from_cams[k]
     m_from_j = se3.inverse(world_from_cams[m]) @ world_from_cams[j]
     return i_from_k @ relative_poses.a_from_b @ m_from_j
+
+
+def told_by(
+    relative_poses: RelativePoses,
+    pairs: Int[np.ndarray, "p 2"],
+    world_from_cams: Float[np.ndarray, "n 4 4"],
+    odometry: Odometry,
+) -> tuple[Float[np.ndarray, "p 4 4"], tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]]:
+    """Motions of pairs `by_way_of` a relative pose nearby, and the standard deviations (rotation, rad, and
+    translation, m) of the recorded steps to it and from it."""
+    (i, j), (k, m) = pairs.T, relative_poses.pairs.T
+    sigmas = np.hypot(odometry.sigma_between(i, k), odometry.sigma_between(m, j))
+    return by_way_of(relative_poses, pairs, world_from_cams), (sigmas[0], sigmas[1])
 
 
 def spanned_steps(pairs: Int[np.ndarray, "p 2"], n_steps: int) -> Bool[np.ndarray, " s"]:

@@ -12,6 +12,9 @@ by a metre tell little of which frames are covisible. Once one pair of two visit
 motion of its neighbours follows from it and a few recorded steps.
 """
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
@@ -27,6 +30,7 @@ from planfit.matching.cycles import (
     is_certain,
     is_near,
     spans_any,
+    told_by,
 )
 from planfit.matching.disputes import Disputes, find_disputes
 from planfit.matching.pairs import PairOptions, in_order_of_visits, within_budget
@@ -81,37 +85,34 @@ def cycle_consistent(
     is_accepted = np.zeros(len(relative_poses), dtype=bool)
     if len(relative_poses) == 0:
         return is_accepted
+    edges = _Edges(relative_poses, world_from_cams, odometry)
     pairs, motions = relative_poses.pairs, relative_poses.a_from_b
-    sigma_rotation, sigma_translation = odometry.sigma_between(*pairs.T)
-    is_sure = is_certain(sigma_translation)
+    sigmas = odometry.sigma_between(*pairs.T)
+    is_sure = is_certain(sigmas[1])
     explained = relative_poses.explained
     is_possible = np.full(len(pairs), True) if explained is None else explained > 0
     recorded = se3.inverse(world_from_cams[pairs[:, 0]]) @ world_from_cams[pairs[:, 1]]
-    sigmas = (sigma_rotation, sigma_translation)
     is_accepted[is_sure] = is_near(motions, recorded, sigmas)[is_sure]
 
     known = np.zeros((0, 2), dtype=int) if certain is None else certain.pairs
     graph = LoopGraph(world_from_cams, odometry, np.concatenate([pairs, known]))
     if certain is not None:
-        surely = SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M
-        graph.add(certain.pairs, certain.a_from_b, *surely)
-    cluster = _clusters(relative_poses, odometry, CLUSTER_M)
+        graph.add(certain.pairs, certain.a_from_b, SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M)
     pending, new = np.flatnonzero(~is_sure & is_possible), np.flatnonzero(is_accepted)
-    speaker = _speakers(relative_poses, pending, cluster, world_from_cams, odometry)
+    speaker = edges.speakers(pending)
     compared = np.unique(speaker)
-    over_gap = _spans_gap(pairs[compared], odometry)
+    over_gap = edges.spans_gap[compared]
     disputes = find_disputes(relative_poses, compared, world_from_cams, odometry, over_gap)
     waits = np.zeros(len(relative_poses), dtype=bool)
     waits[pending] = disputes.waits[np.searchsorted(compared, speaker)]
-    telling = pending[~waits[pending]]
-    narrowing = _narrowing(relative_poses, telling, cluster, recorded, odometry)
+    narrowing = edges.narrowing(pending[~waits[pending]], recorded)
     while len(pending):
         graph.add(pairs[new], motions[new], SIGMA_ROTATION_DEG, SIGMA_TRANSLATION_M)
-        heads = _heads(pending, cluster, relative_poses, waits)
+        heads = edges.heads(pending, waits)
         decided, holds = _decide(graph, relative_poses, heads, waits, disputes, narrowing)
         if len(decided) == 0:
             break
-        follows = _followed(relative_poses, pending, decided, cluster, world_from_cams, odometry)
+        follows = edges.followed(pending, decided)
         # By relative pose, so that followers (-1: of none, masked out) look up what their head came to.
         head_holds = np.zeros(len(relative_poses), dtype=bool)
         head_holds[decided] = holds
@@ -194,125 +195,91 @@ def _decide(
     return decided, is_near(relative_poses.a_from_b[decided], predicted[is_now], sigmas, most)
 
 
-def _is_strong(relative_poses: RelativePoses) -> np.ndarray:
-    """Which relative poses explain much of both views (p,); all where nobody compared them."""
-    if relative_poses.explained is None:
-        return np.ones(len(relative_poses), dtype=bool)
-    return relative_poses.explained >= STRONG_SHARE
+@dataclass(frozen=True)
+class _Edges:
+    """Relative poses (p,), in clusters of those whose ends lie in the same cells of way."""
 
+    relative_poses: RelativePoses
+    world_from_cams: np.ndarray
+    odometry: Odometry
 
-def _narrowing(
-    relative_poses: RelativePoses,
-    pending: np.ndarray,
-    cluster: np.ndarray,
-    recorded: np.ndarray,
-    odometry: Odometry,
-) -> np.ndarray:
-    """Factor (p,), at most 1, on the sigma of the recorded translation over the ends of each relative pose.
+    @cached_property
+    def cluster(self) -> np.ndarray:
+        """Number (p,) of the cell of way that both ends lie in."""
+        walked_m = self.odometry.walked_m[self.relative_poses.pairs]
+        cells = np.floor(walked_m / CLUSTER_M).astype(np.int64)
+        return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
 
-    Sigmas are made for the worst of trackers. How far this one drifted, the strong revisits tell: most of
-    them are right, so the median of their departures is that of the drift.
-    """
-    is_strong = _is_strong(relative_poses)
-    is_over_gap = _spans_gap(relative_poses.pairs, odometry)
-    strong = _heads(pending[is_strong[pending]], cluster, relative_poses)
-    strong = strong[~is_over_gap[strong]]
-    if relative_poses.explained is None or len(strong) == 0:
-        return np.ones(len(relative_poses))
-    off = relative_poses.a_from_b[strong, :3, 3] - recorded[strong, :3, 3]
-    _, sigma_translation = odometry.sigma_between(*relative_poses.pairs[strong].T)
-    slack = TRANSLATION_SLACK_M
-    sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation, slack)
-    # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say little:
-    # as if _PRIOR_REVISITS more had said what the sigmas say.
-    share_sq = (np.median(sigmas) / 1.538) ** 2
-    drift = np.sqrt((len(strong) * share_sq + _PRIOR_REVISITS) / (len(strong) + _PRIOR_REVISITS))
-    own = np.where(is_strong, MAX_DRIFTS, MAX_WEAK_DRIFTS) * drift
-    return np.where(is_over_gap, 1.0, np.minimum(own / MAX_UNCERTAIN_SIGMAS, 1.0))
+    @cached_property
+    def spans_gap(self) -> np.ndarray:
+        """Whether a step of which little is known lies between the frames of each (p,): that is no drift."""
+        sigma = self.odometry.sigma_translation
+        return spans_any(self.relative_poses.pairs, sigma > _GAP_TIMES_USUAL * np.median(sigma))
 
+    def narrowing(self, pending: np.ndarray, recorded: np.ndarray) -> np.ndarray:
+        """Factor (p,), at most 1, on the sigma of the recorded translation over the ends of each.
 
-def _spans_gap(pairs: np.ndarray, odometry: Odometry) -> np.ndarray:
-    """Whether a step of which little is known lies between the frames of each pair (p,): that is no drift."""
-    sigma = odometry.sigma_translation
-    return spans_any(pairs, sigma > _GAP_TIMES_USUAL * np.median(sigma))
+        Sigmas are made for the worst of trackers. How far this one drifted, the strong revisits tell: most of
+        them are right, so the median of their departures is that of the drift.
+        """
+        edges, explained = self.relative_poses, self.relative_poses.explained
+        if explained is None:
+            return np.ones(len(edges))
+        is_strong = explained >= STRONG_SHARE
+        strong = self.heads(pending[is_strong[pending]])
+        strong = strong[~self.spans_gap[strong]]
+        if len(strong) == 0:
+            return np.ones(len(edges))
+        off = edges.a_from_b[strong, :3, 3] - recorded[strong, :3, 3]
+        _, sigma_translation = self.odometry.sigma_between(*edges.pairs[strong].T)
+        sigmas = np.linalg.norm(off, axis=1) / np.hypot(sigma_translation, TRANSLATION_SLACK_M)
+        # Of a vector of three standard normal numbers the length has the median 1.538. Few revisits say
+        # little: as if _PRIOR_REVISITS more had said what the sigmas say.
+        share_sq, n = (np.median(sigmas) / 1.538) ** 2, len(strong)
+        drift = np.sqrt((n * share_sq + _PRIOR_REVISITS) / (n + _PRIOR_REVISITS))
+        own = np.where(is_strong, MAX_DRIFTS, MAX_WEAK_DRIFTS) * drift
+        return np.where(self.spans_gap, 1.0, np.minimum(own / MAX_UNCERTAIN_SIGMAS, 1.0))
 
+    def heads(self, pending: np.ndarray, waits: np.ndarray | None = None) -> np.ndarray:
+        """Of each cluster the pending one that explains most, or has the most inliers; the first of equals.
 
-def _clusters(relative_poses: RelativePoses, odometry: Odometry, size_m: float) -> np.ndarray:
-    """Number (p,) of the cell of way that both ends lie in."""
-    cells = np.floor(odometry.walked_m[relative_poses.pairs] / size_m).astype(np.int64)
-    return np.unique(cells, axis=0, return_inverse=True)[1].ravel()
+        One that waits (p,) only where all of its cluster do.
+        """
+        best = self.relative_poses.explained
+        if best is None:
+            best = self.relative_poses.n_inliers
+        is_last = np.zeros(len(pending), dtype=bool) if waits is None else waits[pending]
+        order = pending[np.lexsort((pending, -best[pending], is_last))]
+        _, first = np.unique(self.cluster[order], return_index=True)
+        return order[first]
 
+    def speakers(self, pending: np.ndarray) -> np.ndarray:
+        """For each pending one (q,) that of its cluster that says the same and explains most."""
+        speaker, left = pending.copy(), np.arange(len(pending))
+        while len(left):
+            follows = self.followed(pending[left], self.heads(pending[left]))
+            is_spoken_for = follows >= 0
+            speaker[left[is_spoken_for]] = follows[is_spoken_for]
+            left = left[~is_spoken_for]
+        return speaker
 
-def _heads(
-    pending: np.ndarray,
-    cluster: np.ndarray,
-    relative_poses: RelativePoses,
-    waits: np.ndarray | None = None,
-) -> np.ndarray:
-    """Of each cluster the pending one that explains most, or has the most inliers; the first of equals.
+    def followed(self, pending: np.ndarray, decided: np.ndarray) -> np.ndarray:
+        """For each pending one (q,) the decided one of its cluster that it agrees with, or -1.
 
-    One that waits (p,) only where all of its cluster do.
-    """
-    best = relative_poses.explained
-    if best is None:
-        best = relative_poses.n_inliers
-    is_last = np.zeros(len(pending), dtype=bool) if waits is None else waits[pending]
-    order = pending[np.lexsort((pending, -best[pending], is_last))]
-    _, first = np.unique(cluster[order], return_index=True)
-    return order[first]
-
-
-def _speakers(
-    relative_poses: RelativePoses,
-    pending: np.ndarray,
-    cluster: np.ndarray,
-    world_from_cams: np.ndarray,
-    odometry: Odometry,
-) -> np.ndarray:
-    """For each pending relative pose (q,) the one of its cluster that says the same and explains most."""
-    speaker, left = pending.copy(), np.arange(len(pending))
-    while len(left):
-        heads = _heads(pending[left], cluster, relative_poses)
-        follows = _followed(
-            relative_poses, pending[left], heads, cluster, world_from_cams, odometry
-        )
-        is_spoken_for = follows >= 0
-        speaker[left[is_spoken_for]] = follows[is_spoken_for]
-        left = left[~is_spoken_for]
-    return speaker
-
-
-def _followed(
-    relative_poses: RelativePoses,
-    pending: np.ndarray,
-    decided: np.ndarray,
-    cluster: np.ndarray,
-    world_from_cams: np.ndarray,
-    odometry: Odometry,
-) -> np.ndarray:
-    """For each pending relative pose (q,) the decided one of its cluster that it agrees with, or -1.
-
-    Both say the same if going from one end to the other's, over its motion and back, gives its motion.
-    """
-    pairs, motions = relative_poses.pairs, relative_poses.a_from_b
-    # At most one of a cluster is decided at a time: a table by cluster finds it. It follows itself.
-    head_of = np.full(int(cluster.max()) + 1, -1)
-    head_of[cluster[decided]] = decided
-    head = head_of[cluster[pending]]
-    follows = np.where(head == pending, pending, -1)
-    other = np.flatnonzero((head >= 0) & (head != pending))
-    own, heads = pending[other], head[other]
-    predicted = by_way_of(relative_poses[heads], pairs[own], world_from_cams)
-    # The head's motion is taken for exact; the recorded steps to it and from it add their variances.
-    (i, j), (k, m) = pairs[own].T, pairs[heads].T
-    (rotation_a, translation_a), (rotation_b, translation_b) = (
-        odometry.sigma_between(i, k),
-        odometry.sigma_between(m, j),
-    )
-    sigmas = (np.hypot(rotation_a, rotation_b), np.hypot(translation_a, translation_b))
-    agrees = is_near(motions[own], predicted, sigmas)
-    follows[other[agrees]] = heads[agrees]
-    return follows
+        Both say the same if going from one end to the other's, over its motion and back, gives its motion.
+        """
+        # At most one of a cluster is decided at a time: a table by cluster finds it. It follows itself.
+        head_of = np.full(int(self.cluster.max()) + 1, -1)
+        head_of[self.cluster[decided]] = decided
+        head = head_of[self.cluster[pending]]
+        follows = np.where(head == pending, pending, -1)
+        other = np.flatnonzero((head >= 0) & (head != pending))
+        own, heads = self.relative_poses[pending[other]], self.relative_poses[head[other]]
+        # The head's motion is taken for exact.
+        told = told_by(heads, own.pairs, self.world_from_cams, self.odometry)
+        agrees = is_near(own.a_from_b, *told)
+        follows[other[agrees]] = head[other][agrees]
+        return follows
 
 
 def _pairs_around(

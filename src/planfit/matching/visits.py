@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
-from planfit.matching.cycles import by_way_of, is_near, spans_any
+from planfit.matching.cycles import is_near, spans_any, told_by
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.relative_motions import NeighbourMotions, match_sigmas
 from planfit.matching.types import Matches, RelativePoses
@@ -84,11 +84,8 @@ def group_visits(
         return visit
     links = cKDTree(walked[far]).query_pairs(LINK_M, p=np.inf, output_type="ndarray")
     one, other = relative_poses[far[links[:, 0]]], relative_poses[far[links[:, 1]]]
-    predicted = by_way_of(other, one.pairs, world_from_cams)
-    (i, j), (k, m) = one.pairs.T, other.pairs.T
-    first, second = odometry.sigma_between(i, k), odometry.sigma_between(m, j)
-    sigmas = (np.hypot(first[0], second[0]), np.hypot(first[1], second[1]))
-    a, b = links[is_near(one.a_from_b, predicted, sigmas)].T
+    told = told_by(other, one.pairs, world_from_cams, odometry)
+    a, b = links[is_near(one.a_from_b, *told)].T
     graph = coo_array((np.ones(len(a)), (a, b)), shape=(len(far), len(far)))
     visit[far] = connected_components(graph, directed=False)[1]
     return visit

@@ -6,7 +6,7 @@ from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
-from planfit.matching.cycles import MAX_SIGMAS, by_way_of
+from planfit.matching.cycles import MAX_SIGMAS, told_by
 from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.visits import LINK_M
@@ -156,13 +156,10 @@ def is_supported(
     as_poses = RelativePoses(loops.pairs, loops.a_from_b, np.zeros(len(loops), int))
     supported = np.zeros(len(loops), dtype=bool)
     for one, other in (links.T, links.T[::-1]):
-        predicted = by_way_of(as_poses[other], loops.pairs[one], poses)
-        first = odometry.sigma_between(loops.pairs[one, 0], loops.pairs[other, 0])
-        second = odometry.sigma_between(loops.pairs[other, 1], loops.pairs[one, 1])
-        sigmas = (
-            np.hypot(np.hypot(first[0], second[0]), _SLACK_M / 3.0),
-            np.hypot(np.hypot(first[1], second[1]), _SLACK_M),
+        predicted, (rotation, translation) = told_by(
+            as_poses[other], loops.pairs[one], poses, odometry
         )
+        sigmas = np.hypot(rotation, _SLACK_M / 3.0), np.hypot(translation, _SLACK_M)
         agrees = squared_sigmas(loops[one], predicted, sigmas) < AGREE_SIGMAS**2
         supported[one[agrees]] = True
     return supported
