@@ -108,7 +108,7 @@ def observe(
         known, by_surfaces = judged.known, judged.by_surfaces
     else:
         keyed = keyed_scan(scan, chosen, running, stages, corrections, matches is not None)
-        tracking = believed_motion(keyed, chosen)
+        tracking = believed_motion(keyed)
     by_hand = keyed.by_hand
     believed = keyed.at(tracking.world_from_cams)
     opened = with_open_steps(tracking.odometry, tracking.contradicted_steps)
@@ -126,7 +126,7 @@ def observe(
             matches = find_matches(believed, odometry, chosen.matching, running, allowed, verdicts)
         with stages.stage("matching by geometry"):
             if by_surfaces is None:
-                by_surfaces = surface_neighbours(keyed, known, tracking, chosen, running)
+                by_surfaces = surface_neighbours(keyed, known, tracking)
                 by_surfaces = allowed_surfaces(by_surfaces, verdicts)
             surfaces = find_surface_pairs(
                 believed, odometry, gravity.up_world, by_surfaces, chosen.matching, running

@@ -4,7 +4,7 @@ The first stage that opens images. It needs neither gravity nor floor nor walls;
 poses that it comes to.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -63,6 +63,8 @@ class KeyedScan:
     scan: Scan
     frame_idx: Int[np.ndarray, " k"]
     """Keyframes: increasing, the first and the last frame among them."""
+    options: RefineOptions
+    runtime: Runtime = field(default_factory=Runtime)
     by_hand: HandSeen | None = None
     """Corrections."""
 
@@ -70,6 +72,11 @@ class KeyedScan:
     def is_whole(self) -> bool:
         """Whether all frames are keyframes."""
         return len(self.frame_idx) == len(self.scan)
+
+    @property
+    def recorded(self) -> Scan:
+        """The keyframes alone, at the recorded poses."""
+        return self.at(self.scan.world_from_cams)
 
     def at(self, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
         """The keyframes alone, at these poses of all frames."""
@@ -129,7 +136,7 @@ def judge_recorded_motion(
     def judged_in(unit: DepthUnit) -> JudgedMotion:
         keyed = keyed_scan(in_unit(scan, unit), chosen, running, stages, corrections)
         with stages.stage("tracking"):
-            return _judge(keyed, believed_motion(keyed, chosen), chosen, running)
+            return _by_revisits(_judge(keyed))
 
     judged, unit = judged_in_its_unit(scan, judged_in)
     return replace(judged, unit=unit)
@@ -146,11 +153,11 @@ def keyed_scan(
     """The frames to look at, all of them where the `is_whole` scan is, and what a person says of them."""
     with timer.stage("corrections"):
         by_hand = look_by_hand(scan, corrections, options, runtime)
-    if is_whole or options.matching.colmap:
-        return KeyedScan(scan, np.arange(len(scan)), by_hand)
-    poses, times = scan.world_from_cams, scan.timestamps
-    chosen = choose_keyframes(poses, times, options.keyframes, scan.lacking)
-    return KeyedScan(scan, chosen, by_hand)
+    chosen = np.arange(len(scan))
+    if not (is_whole or options.matching.colmap):
+        poses, times = scan.world_from_cams, scan.timestamps
+        chosen = choose_keyframes(poses, times, options.keyframes, scan.lacking)
+    return KeyedScan(scan, chosen, options, runtime, by_hand)
 
 
 def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
@@ -165,111 +172,95 @@ def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
 
 def believe_recorded(scan: Scan, options: RefineOptions) -> Tracking:
     """The recorded poses of all frames as they are."""
-    return believed_motion(KeyedScan(scan, np.arange(len(scan))), options)
+    return believed_motion(KeyedScan(scan, np.arange(len(scan)), options))
 
 
 def surface_neighbours(
-    keyed: KeyedScan,
-    known: NeighbourMotions,
-    tracking: Tracking,
-    options: RefineOptions,
-    runtime: Runtime,
+    keyed: KeyedScan, known: NeighbourMotions, tracking: Tracking
 ) -> SurfaceMotions:
     """Neighbours that keypoints do not bring together, by their surfaces."""
-    matched = known.verified.relative_poses
-    believed = keyed.at(tracking.world_from_cams)
-    odometry = keyed.odometry(tracking)
-    return measure_surface_neighbours(believed, matched, odometry, options.matching, runtime)
+    matched, odometry = known.verified.relative_poses, keyed.odometry(tracking)
+    believed, matching = keyed.at(tracking.world_from_cams), keyed.options.matching
+    return measure_surface_neighbours(believed, matched, odometry, matching, keyed.runtime)
 
 
-def believed_motion(keyed: KeyedScan, options: RefineOptions) -> Tracking:
-    """The recorded poses as they are, steps between keyframes as sure as usual."""
-    scan, convention = keyed.scan, options.poses_convention
+def believed_motion(keyed: KeyedScan, convention: str | None = None) -> Tracking:
+    """The recorded poses as they are, steps between keyframes as sure as usual.
+
+    In the convention that the options name, or in another.
+    """
+    scan, options = keyed.scan, keyed.options
+    named = convention or options.poses_convention
     poses, times = scan.world_from_cams, scan.timestamps
-    return believe(poses, convention, options.odometry, times, keyed.frame_idx)
+    return believe(poses, named, options.odometry, times, keyed.frame_idx)
 
 
-def _judge(
-    keyed: KeyedScan, believed: Tracking, options: RefineOptions, runtime: Runtime
-) -> JudgedMotion:
-    """The recorded poses judged by neighbouring keyframes, doubtful steps by revisits.
+def _judge(keyed: KeyedScan) -> JudgedMotion:
+    """The recorded poses judged by neighbouring keyframes.
 
     Where the tracker is in doubt, or neighbours do not match, more frames become keyframes.
     """
-    matching = options.matching
-    known = measure_neighbours(keyed.at(keyed.scan.world_from_cams), matching, runtime)
-    judged = _by_neighbours(keyed, believed, known, options, runtime)
+    matching, runtime, believed = keyed.options.matching, keyed.runtime, believed_motion(keyed)
+    known = measure_neighbours(keyed.recorded, matching, runtime)
+    judged = _by_neighbours(keyed, believed, known)
     found = judged.tracking.convention
     if found != believed.convention:
         # Surfaces are brought together from the recorded motion, too: now that of the convention found.
-        believed = believed_motion(keyed, replace(options, poses_convention=found))
-        judged = _by_neighbours(keyed, believed, known, options, runtime)
+        believed = believed_motion(keyed, found)
+        judged = _by_neighbours(keyed, believed, known)
     more = frames_in_doubt(judged.tracking, keyed.frame_idx, _are_bridged(judged))
     more = more[[keyed.scan.lacking[i] != "depth" for i in more]]
-    if len(more):
-        denser = replace(keyed, frame_idx=np.union1d(keyed.frame_idx, more))
-        known_idx = denser.number_of(keyed.frame_idx)
-        # From what was measured: what a break misled may be right beside other frames.
-        known = measure_between(
-            denser.at(keyed.scan.world_from_cams), known, known_idx, matching, runtime
-        )
-        judged = _by_neighbours(denser, believed, known, options, runtime)
-    return _by_revisits(judged, options, runtime)
+    if len(more) == 0:
+        return judged
+    denser = replace(keyed, frame_idx=np.union1d(keyed.frame_idx, more))
+    known_idx = denser.number_of(keyed.frame_idx)
+    # From what was measured: what a break misled may be right beside other frames.
+    known = measure_between(denser.recorded, known, known_idx, matching, runtime)
+    return _by_neighbours(denser, believed, known)
 
 
-def _by_neighbours(
-    keyed: KeyedScan,
-    believed: Tracking,
-    known: NeighbourMotions,
-    options: RefineOptions,
-    runtime: Runtime,
-) -> JudgedMotion:
+def _by_neighbours(keyed: KeyedScan, believed: Tracking, known: NeighbourMotions) -> JudgedMotion:
     """The recorded poses compared with motions between neighbours, by keypoints and by surfaces.
 
     But for those that a person ruled out, or that patterns misled.
     """
-    by_surfaces = surface_neighbours(keyed, known, believed, options, runtime)
-    verdicts, matching = keyed.verdicts(believed), options.matching
+    by_surfaces = surface_neighbours(keyed, known, believed)
+    verdicts, options = keyed.verdicts(believed), keyed.options
+    times = keyed.scan.timestamps[keyed.frame_idx]
     known = allowed_neighbours(known, verdicts)
     judged = JudgedMotion(keyed, believed, known, allowed_surfaces(by_surfaces, verdicts))
-    tracking = _compared(judged, known, options)
+    tracking = _compared(judged, known)
     # As recorded, in the convention that was found: of another, all motions would seem misled.
     recorded = tracking.recorded_world_from_cams[keyed.frame_idx]
-    odometry = make_odometry(recorded, options.odometry, keyed.scan.timestamps[keyed.frame_idx])
+    odometry = make_odometry(recorded, options.odometry, times)
     right = without_misled(known, recorded, odometry)
     if right is not known:
-        known, tracking = right, _compared(judged, right, options)
+        known, tracking = right, _compared(judged, right)
     if len(tracking.doubtful_steps):
         # Frames further apart may see what the nearest do not.
         steps = np.unique(keyed.number_of(tracking.doubtful_steps))
-        pairs = pairs_across(steps, len(keyed.frame_idx), matching.pairs.neighbours)
-        at_recorded = keyed.at(keyed.scan.world_from_cams)
-        known = measure_more(at_recorded, known, pairs, matching, runtime)
+        pairs = pairs_across(steps, len(keyed.frame_idx), options.matching.pairs.neighbours)
+        known = measure_more(keyed.recorded, known, pairs, options.matching, keyed.runtime)
         known = allowed_neighbours(known, keyed.verdicts(tracking))
         known = without_misled(known, recorded, odometry)
-        tracking = _compared(judged, known, options)
+        tracking = _compared(judged, known)
     if errs(tracking) and options.calibration.is_on:
-        cameras = keyed.at(keyed.scan.world_from_cams).cameras
         # As if the poses had no unit of their own.
         metric = in_metres(recorded, 1 / tracking.metres_per_unit)
-        odometry = make_odometry(metric, options.odometry, keyed.scan.timestamps[keyed.frame_idx])
+        odometry, cameras = make_odometry(metric, options.odometry, times), keyed.recorded.cameras
         sensor = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
         if not sensor.is_nominal:
-            again = _compared(judged, known, options, sensor)
+            again = _compared(judged, known, sensor)
             tracking = again if errs_clearly_less(again, tracking) else tracking
     return replace(judged, tracking=tracking, known=known)
 
 
 def _compared(
-    judged: JudgedMotion,
-    known: NeighbourMotions,
-    options: RefineOptions,
-    sensor: SensorCalibration = NOMINAL,
+    judged: JudgedMotion, known: NeighbourMotions, sensor: SensorCalibration = NOMINAL
 ) -> Tracking:
     """The recorded poses of all frames, compared with motions between keyframes that a sensor measured."""
-    scan, idx = judged.keyed.scan, judged.keyed.frame_idx
-    verified = corrected_pairs(known.verified, sensor)
-    measured = measured_motions(verified)
+    scan, idx, options = judged.keyed.scan, judged.keyed.frame_idx, judged.keyed.options
+    measured = measured_motions(corrected_pairs(known.verified, sensor))
     told_by_surfaces = surface_motions(judged.by_surfaces.neighbours.corrected(sensor))
     return judge_tracking(
         scan.name,
@@ -291,16 +282,16 @@ def _are_bridged(judged: JudgedMotion) -> Bool[np.ndarray, " g"]:
     return spanned_steps(pairs, len(judged.keyed.frame_idx) - 1)
 
 
-def _by_revisits(judged: JudgedMotion, options: RefineOptions, runtime: Runtime) -> JudgedMotion:
+def _by_revisits(judged: JudgedMotion) -> JudgedMotion:
     """Doubtful steps decided by revisits that are sought with these open."""
-    keyed, tracking, matching = judged.keyed, judged.tracking, options.matching
+    keyed, tracking = judged.keyed, judged.tracking
     if len(tracking.doubtful_steps) == 0:
         return judged
     opened = with_open_steps(tracking.odometry, tracking.doubtful_steps)
     steps = keyed.odometry(replace(tracking, odometry=opened))
     mended = keyed.at(tracking.world_from_cams)
-    verdicts = keyed.verdicts(tracking)
-    found, known = search_matches(mended, steps, matching, runtime, judged.known, verdicts)
+    verdicts, running = keyed.verdicts(tracking), (keyed.options.matching, keyed.runtime)
+    found, known = search_matches(mended, steps, *running, judged.known, verdicts)
     revisits = found.numbered(keyed.frame_idx)
     placed = place_submaps(tracking, revisits)
     return replace(judged, tracking=placed, known=known)
