@@ -28,7 +28,7 @@ from planfit.pipeline.parts import matched_elsewhere, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
-from planfit.tracking import JumpHypothesis, Tracking, jump_hypotheses
+from planfit.tracking import Tracking, jump_hypotheses
 
 MAX_JUMPS = 3
 """Jumps that revisits and walls place together, one after the other."""
@@ -76,7 +76,7 @@ def align_with_jumps(
         if seen.tracking is None or not _is_in_question(calibrated.prepared, seen.tracking):
             break
         with timer.stage("jumps"):
-            best = _best_by_revisits(scan, calibrated, floorplan, options)
+            best = _Walk(scan, calibrated, floorplan, options).best_by_revisits(seen.tracking)
         if best is None:
             break
         calibrated = _with_jump(calibrated, best)
@@ -86,24 +86,28 @@ def align_with_jumps(
         return calibrated, on_plan
     with timer.stage("jumps"):
         aligned = _Tried(tracking, calibrated.prepared, on_plan)
-        by_parts = _better_by_parts(scan, calibrated, aligned, floorplan, options)
+        by_parts = _Walk(scan, calibrated, floorplan, options).better_by_parts(aligned)
     if by_parts is None:
         return calibrated, on_plan
     return _with_jump(calibrated, by_parts), by_parts.on_plan
 
 
 def _with_jump(calibrated: CalibratedScan, tried: _Tried) -> CalibratedScan:
-    def changed(seen: Observations) -> Observations:
-        if tried.is_against is not None:
-            seen = replace(seen, surfaces=seen.surfaces[~tried.is_against])
-        return replace(seen, tracking=tried.tracking)
-
-    return replace(
-        calibrated,
-        as_lifted=changed(calibrated.as_lifted),
-        observations=changed(calibrated.observations),
-        prepared=tried.prepared,
+    as_lifted, observations = (
+        _tracked(seen, tried.tracking, tried.is_against)
+        for seen in (calibrated.as_lifted, calibrated.observations)
     )
+    return replace(
+        calibrated, as_lifted=as_lifted, observations=observations, prepared=tried.prepared
+    )
+
+
+def _tracked(
+    seen: Observations, tracking: Tracking, without: Bool[np.ndarray, " p"] | None
+) -> Observations:
+    """With another tracking, and without some pairs by surfaces."""
+    surfaces = seen.surfaces if without is None else seen.surfaces[~without]
+    return replace(seen, tracking=tracking, surfaces=surfaces)
 
 
 def _is_in_question(prepared: PreparedScan, tracking: Tracking) -> bool:
@@ -112,98 +116,77 @@ def _is_in_question(prepared: PreparedScan, tracking: Tracking) -> bool:
     return is_torn and len(tracking.undecided_steps) > 0
 
 
-def _best_by_revisits(
-    scan: Scan, calibrated: CalibratedScan, floorplan: Floorplan, options: RefineOptions
-) -> _Tried | None:
-    """The hypothesis that the walls are in favour of; None where they are not surely in favour of any."""
-    tracking = calibrated.observations.tracking
-    assert tracking is not None
-    tried = list(_tried_with_jumps(scan, calibrated, floorplan, options))
-    if not tried:
-        return None
-    scores = [_adjusted_score(each, options) for each in tried]
-    recorded = _aligned(scan, tracking, calibrated.prepared, floorplan, options)
-    as_recorded = 0.0 if recorded is None else _adjusted_score(recorded, options)
-    highest = max(scores)
-    if highest < max(as_recorded - SAME_SCORE, MIN_SCORE):
-        return None
-    level = [t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE]
-    return min(level, key=lambda each: each.times_usual)
+@dataclass(frozen=True)
+class _Walk:
+    """A walk with loops closed, and the plan that hypotheses of jumps are aligned to."""
 
+    scan: Scan
+    calibrated: CalibratedScan
+    floorplan: Floorplan
+    options: RefineOptions
 
-def _tried_with_jumps(
-    scan: Scan, calibrated: CalibratedScan, floorplan: Floorplan, options: RefineOptions
-) -> Iterator[_Tried]:
-    """The walk with the jump at each undecided step where it lets loops close, aligned."""
-    seen, torn = calibrated.observations, len(calibrated.prepared.torn_steps)
-    assert seen.tracking is not None
-    hypotheses: tuple[JumpHypothesis, ...] = jump_hypotheses(seen.tracking, seen.matches)
-    for each in hypotheses:
-        prepared = _prepared(scan, calibrated, each.tracking, options)
-        if len(prepared.torn_steps) > max(torn - 1, 0):
-            continue
-        found = _aligned(scan, each.tracking, prepared, floorplan, options)
-        if found is not None:
-            yield replace(found, times_usual=each.times_usual)
+    def best_by_revisits(self, tracking: Tracking) -> _Tried | None:
+        """The hypothesis that the walls are in favour of; None where they are not surely in favour of any."""
+        tried = list(self.tried_with_jumps(tracking))
+        if not tried:
+            return None
+        scores = [self.adjusted_score(each) for each in tried]
+        recorded = self.aligned(tracking, self.calibrated.prepared)
+        as_recorded = 0.0 if recorded is None else self.adjusted_score(recorded)
+        highest = max(scores)
+        if highest < max(as_recorded - SAME_SCORE, MIN_SCORE):
+            return None
+        level = [t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE]
+        return min(level, key=lambda each: each.times_usual)
 
+    def tried_with_jumps(self, tracking: Tracking) -> Iterator[_Tried]:
+        """The walk with the jump at each undecided step where it lets loops close, aligned."""
+        torn = len(self.calibrated.prepared.torn_steps)
+        for each in jump_hypotheses(tracking, self.calibrated.observations.matches):
+            prepared = self.prepared(each.tracking)
+            if len(prepared.torn_steps) > max(torn - 1, 0):
+                continue
+            found = self.aligned(each.tracking, prepared)
+            if found is not None:
+                yield replace(found, times_usual=each.times_usual)
 
-def _better_by_parts(
-    scan: Scan,
-    calibrated: CalibratedScan,
-    aligned: _Tried,
-    floorplan: Floorplan,
-    options: RefineOptions,
-) -> _Tried | None:
-    """The walk with its parts placed one by one, if much more of its walls is explained so."""
-    tracking = placed_by_parts(aligned.prepared, aligned.tracking, aligned.on_plan, options)
-    if tracking is None:
-        return None
-    known = calibrated.observations.surfaces
-    is_elsewhere = matched_elsewhere(known, aligned.tracking, tracking)
-    prepared = _prepared(scan, calibrated, tracking, options, is_elsewhere)
-    found = _aligned(scan, tracking, prepared, floorplan, options)
-    least = max(_adjusted_score(aligned, options) + PARTS_GAIN, MIN_SCORE)
-    if found is None or _adjusted_score(found, options) < least:
-        return None
-    return replace(found, is_against=is_elsewhere)
+    def better_by_parts(self, as_is: _Tried) -> _Tried | None:
+        """The walk with its parts placed one by one, if much more of its walls is explained so."""
+        tracking = placed_by_parts(as_is.prepared, as_is.tracking, as_is.on_plan, self.options)
+        if tracking is None:
+            return None
+        known = self.calibrated.observations.surfaces
+        is_elsewhere = matched_elsewhere(known, as_is.tracking, tracking)
+        found = self.aligned(tracking, self.prepared(tracking, is_elsewhere))
+        least = max(self.adjusted_score(as_is) + PARTS_GAIN, MIN_SCORE)
+        if found is None or self.adjusted_score(found) < least:
+            return None
+        return replace(found, is_against=is_elsewhere)
 
+    def prepared(
+        self, tracking: Tracking, without: Bool[np.ndarray, " p"] | None = None
+    ) -> PreparedScan:
+        """The walk with another tracking, and without some pairs by surfaces."""
+        seen = _tracked(self.calibrated.observations, tracking, without)
+        return prepare(self.scan, seen, self.options, StageTimer(Runtime()))
 
-def _prepared(
-    scan: Scan,
-    calibrated: CalibratedScan,
-    tracking: Tracking,
-    options: RefineOptions,
-    without: Bool[np.ndarray, " p"] | None = None,
-) -> PreparedScan:
-    """With another tracking, and without some pairs by surfaces."""
-    seen = replace(calibrated.observations, tracking=tracking)
-    if without is not None:
-        seen = replace(seen, surfaces=seen.surfaces[~without])
-    return prepare(scan, seen, options, StageTimer(Runtime()))
+    def aligned(self, tracking: Tracking, prepared: PreparedScan) -> _Tried | None:
+        """Where a walk lies on the plan; None where it cannot lie there."""
+        quiet = StageTimer(Runtime())
+        try:
+            on_plan = align_to_plan(self.scan, prepared, self.floorplan, self.options, quiet)
+        except FloorplanError:  # a torn walk may seem to fit in another unit: no witness for itself
+            return None
+        return _Tried(tracking, prepared, on_plan)
 
-
-def _aligned(
-    scan: Scan,
-    tracking: Tracking,
-    prepared: PreparedScan,
-    floorplan: Floorplan,
-    options: RefineOptions,
-) -> _Tried | None:
-    """Where a walk lies on the plan; None where it cannot lie there."""
-    try:
-        on_plan = align_to_plan(scan, prepared, floorplan, options, StageTimer(Runtime()))
-    except FloorplanError:  # a torn walk may seem to fit in another unit: no witness for itself
-        return None
-    return _Tried(tracking, prepared, on_plan)
-
-
-def _adjusted_score(tried: _Tried, options: RefineOptions) -> float:
-    """Share of wall that the plan explains once it has pulled."""
-    on_plan, measured = tried.on_plan, tried.prepared.measurements
-    if on_plan.alignment is None or on_plan.floorplan is None:
-        return 0.0
-    start = on_plan.plan_from_level @ tried.prepared.level_from_keys
-    quick = replace(options.adjust, starts=options.adjust.starts[:1])
-    adjusted = adjust_to_plan(measured, on_plan.floorplan, start, quick)
-    walls = wall_samples(measured.structure, adjusted.solution.target_from_cams[: len(start)])
-    return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options.align).score
+    def adjusted_score(self, tried: _Tried) -> float:
+        """Share of wall that the plan explains once it has pulled."""
+        on_plan, measured = tried.on_plan, tried.prepared.measurements
+        if on_plan.alignment is None or on_plan.floorplan is None:
+            return 0.0
+        start = on_plan.plan_from_level @ tried.prepared.level_from_keys
+        options = self.options
+        quick = replace(options.adjust, starts=options.adjust.starts[:1])
+        adjusted = adjust_to_plan(measured, on_plan.floorplan, start, quick)
+        walls = wall_samples(measured.structure, adjusted.solution.target_from_cams[: len(start)])
+        return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options.align).score
