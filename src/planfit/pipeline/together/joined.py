@@ -64,36 +64,41 @@ def see_together(observed: Sequence[ObservedScan], options: RefineOptions) -> Sc
     return ScansSeen(scan, of_scan, keypoints, descriptors)
 
 
-def match_between(
-    observed: Sequence[ObservedScan],
-    joined_from_levels: Sequence[Float[np.ndarray, "4 4"]],
-    seen: ScansSeen,
-    known: VerifiedPairs,
-    options: RefineOptions,
-    runtime: Runtime,
-) -> Matches:
-    """Matches between keyframes of scans that are placed, numbered as in `seen`.
+@dataclass(frozen=True)
+class ScansTogether:
+    """Several scans, and what their keyframes show of each other."""
 
-    Args:
-        observed: the scans, all of which are placed.
-        joined_from_levels: where.
-        seen: their keyframes.
-        known: pairs that were verified before.
-        options: of matching.
-        runtime: threads, cache and progress.
-    """
-    poses = np.concatenate(
-        [
-            move @ each.prepared.level_from_keys
-            for move, each in zip(joined_from_levels, observed, strict=True)
-        ]
-    )
-    odometry = _placed_odometry(observed, poses)
-    pairs = pairs_between(seen, poses, odometry, options.matching)
-    found = verify_between(seen, pairs, known, options.matching, runtime)
-    within = _within(observed)
-    accepted = accept_between(found, within, poses, odometry)
-    return replace(accepted, n_tried=len(pairs))
+    observed: tuple[ObservedScan, ...]
+    seen: ScansSeen
+    """Their keyframes."""
+    verified: VerifiedPairs
+    """Pairs between them, numbered as in `seen`."""
+    options: RefineOptions
+    runtime: Runtime
+
+    def of(self, scans: Sequence[int]) -> "ScansTogether":
+        """Some of the scans alone."""
+        observed, seen, verified = tuple(self.observed[k] for k in scans), self.seen, self.verified
+        is_own = np.isin(seen.of_scan, scans)
+        if not is_own.all():
+            number = np.cumsum(is_own) - 1
+            first, second = verified.relative_poses.pairs.T
+            verified = verified.where(is_own[first] & is_own[second])
+            pairs = number[verified.relative_poses.pairs]
+            relative = replace(verified.relative_poses, pairs=pairs)
+            seen = seen.of_frames(np.flatnonzero(is_own))
+            verified = replace(verified, relative_poses=relative)
+        return replace(self, observed=observed, seen=seen, verified=verified)
+
+    def match(self, joined_from_levels: Sequence[Float[np.ndarray, "4 4"]]) -> Matches:
+        """Matches between keyframes of scans that are all placed, numbered as in `seen`."""
+        placed = zip(joined_from_levels, self.observed, strict=True)
+        poses = np.concatenate([move @ each.prepared.level_from_keys for move, each in placed])
+        odometry, matching = _placed_odometry(self.observed, poses), self.options.matching
+        pairs = pairs_between(self.seen, poses, odometry, matching)
+        found = verify_between(self.seen, pairs, self.verified, matching, self.runtime)
+        accepted = accept_between(found, _within(self.observed), poses, odometry)
+        return replace(accepted, n_tried=len(pairs))
 
 
 def join_observed(

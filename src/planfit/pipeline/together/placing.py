@@ -12,16 +12,12 @@ from planfit.errors import FloorplanError
 from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.matching.between_scans import ScansSeen
-from planfit.matching.relative_motions import VerifiedPairs
 from planfit.pipeline.align import align_to_plan
 from planfit.pipeline.on_plan import ScanOnPlan
-from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import prepare
-from planfit.pipeline.together.joined import join_observed, match_between, offsets_of
-from planfit.pipeline.together.observed import ObservedScan
+from planfit.pipeline.together.joined import ScansTogether, join_observed, offsets_of
 from planfit.pipeline.together.votes import Link, link_by_votes
-from planfit.runtime import Runtime, StageTimer
+from planfit.runtime import StageTimer
 
 PlacedBy = Literal["the first", "places seen in both", "the plan"]
 """How the place of a scan among the others was found."""
@@ -58,10 +54,9 @@ class Placing:
     """By the number of each scan without a place."""
 
 
-def find_links(
-    observed: Sequence[ObservedScan], seen: ScansSeen, verified: VerifiedPairs
-) -> list[Link]:
+def find_links(together: ScansTogether) -> list[Link]:
     """How each two scans stand to each other, where they show the same places; the surest first."""
+    observed, seen, verified = together.observed, together.seen, together.verified
     offsets, links = offsets_of(observed), []
     pairs = verified.relative_poses.pairs
     of_first, of_second = seen.of_scan[pairs[:, 0]], seen.of_scan[pairs[:, 1]]
@@ -103,28 +98,21 @@ def group_by_links(n_scans: int, links: Sequence[Link]) -> list[Group]:
 
 
 def place_groups(
-    observed: Sequence[ObservedScan],
+    together: ScansTogether,
     groups: Sequence[Group],
-    seen: ScansSeen,
-    verified: VerifiedPairs,
     floorplan: Floorplan | None,
-    options: RefineOptions,
-    runtime: Runtime,
     timer: StageTimer,
 ) -> Placing:
     """Bring all groups into one frame: without a plan, the largest one is all that has a place.
 
     Args:
-        observed: the scans.
+        together: the scans.
         groups: see `group_by_links`.
-        seen: their keyframes.
-        verified: pairs between them.
         floorplan: as given; of one storey.
-        options: those of the run.
-        runtime: threads, cache and progress.
         timer: told of the stages.
     """
-    by_size = sorted(groups, key=lambda g: -sum(len(observed[k].scan) for k in g.members))
+    scans = [each.scan for each in together.observed]
+    by_size = sorted(groups, key=lambda g: -sum(len(scans[k]) for k in g.members))
     if len(groups) == 1:
         return _placed([(by_size[0], np.eye(4))], {})
     if floorplan is None:
@@ -134,8 +122,7 @@ def place_groups(
     unsure: dict[int, tuple[Finding, ...]] = {}
     plan = floorplan
     for group in by_size:
-        own = _own_options(options, has_first=0 in group.members)
-        found = _align_group(observed, group, seen, verified, plan, own, runtime, timer)
+        found = _align_group(together, group, plan, timer)
         doubt = _doubt(found)
         if doubt is not None:
             unsure |= dict.fromkeys(group.members, (UNLINKED, doubt))
@@ -175,33 +162,19 @@ def _placed(
     return Placing(tuple(places), reasons)
 
 
-def _own_options(options: RefineOptions, has_first: bool) -> RefineOptions:
-    """What is said of where the scan is, is said of the first one."""
-    if has_first:
-        return options
-    chosen = replace(options.align, control_points=(), start="", candidate=1)
-    return replace(options, align=chosen)
-
-
 def _align_group(
-    observed: Sequence[ObservedScan],
-    group: Group,
-    seen: ScansSeen,
-    verified: VerifiedPairs,
-    plan: Floorplan,
-    options: RefineOptions,
-    runtime: Runtime,
-    timer: StageTimer,
+    together: ScansTogether, group: Group, plan: Floorplan, timer: StageTimer
 ) -> ScanOnPlan | FloorplanError:
     """A group aligned as one scan."""
-    members = [observed[k] for k in group.members]
-    scan, prepared = members[0].corrected_scan, members[0].prepared
-    if len(members) > 1:
-        own_seen, own_verified = of_scans(seen, verified, group.members)
-        between = match_between(
-            members, group.root_from_levels, own_seen, own_verified, options, runtime
-        )
-        joined = join_observed(members, group.root_from_levels, between)
+    own, options = together.of(group.members), together.options
+    if 0 not in group.members:  # what is said of where the scan is, is said of the first one
+        chosen = replace(options.align, control_points=(), start="", candidate=1)
+        options = replace(options, align=chosen)
+    first = own.observed[0]
+    scan, prepared = first.corrected_scan, first.prepared
+    if len(own.observed) > 1:
+        between = own.match(group.root_from_levels)
+        joined = join_observed(own.observed, group.root_from_levels, between)
         scan, prepared = joined.scan, prepare(joined.scan, joined.observations, options, timer)
     try:
         return align_to_plan(scan, prepared, plan, options, timer)
@@ -220,18 +193,3 @@ def _doubt(found: ScanOnPlan | FloorplanError) -> Finding | None:
     if not found.alignment.is_sure:
         return Finding(SurveyKind.SCAN_IN_MANY_PLACES)
     return None
-
-
-def of_scans(
-    seen: ScansSeen, verified: VerifiedPairs, scans: Sequence[int]
-) -> tuple[ScansSeen, VerifiedPairs]:
-    """Keyframes of some of the scans alone, and the verified pairs between these."""
-    is_own = np.isin(seen.of_scan, scans)
-    if is_own.all():
-        return seen, verified
-    keys = np.flatnonzero(is_own)
-    number = np.cumsum(is_own) - 1
-    first, second = verified.relative_poses.pairs.T
-    kept = verified.where(is_own[first] & is_own[second])
-    relative = replace(kept.relative_poses, pairs=number[kept.relative_poses.pairs])
-    return seen.of_frames(keys), replace(kept, relative_poses=relative)

@@ -18,8 +18,8 @@ from planfit.pipeline.refine import refine
 from planfit.pipeline.running import running
 from planfit.pipeline.together.joined import (
     JoinedScans,
+    ScansTogether,
     join_observed,
-    match_between,
     offsets_of,
     see_together,
 )
@@ -28,7 +28,6 @@ from planfit.pipeline.together.placing import (
     Placing,
     find_links,
     group_by_links,
-    of_scans,
     place_groups,
 )
 from planfit.pipeline.together.result import RefinedScan, TogetherResult, result_of_scan
@@ -123,19 +122,16 @@ def _join(
         seen = see_together(observed, options)
         pairs = retrieve_between(seen, _views(observed))
         verified = verify_between(seen, pairs, None, options.matching, runtime)
-        groups = group_by_links(len(observed), find_links(observed, seen, verified))
-    placing = place_groups(observed, groups, seen, verified, floorplan, options, runtime, timer)
-    members = [place.scan for place in placing.places]
-    placed = [observed[k] for k in members]
+        together = ScansTogether(tuple(observed), seen, verified, options, runtime)
+        groups = group_by_links(len(observed), find_links(together))
+    placing = place_groups(together, groups, floorplan, timer)
+    placed = together.of([place.scan for place in placing.places])
     joined_from_levels = [place.joined_from_level for place in placing.places]
     between = None
-    if len(placed) > 1:
+    if len(placed.observed) > 1:
         with timer.stage(BETWEEN):
-            own_seen, own_verified = of_scans(seen, verified, members)
-            between = match_between(
-                placed, joined_from_levels, own_seen, own_verified, options, runtime
-            )
-    return join_observed(placed, joined_from_levels, between), placing
+            between = placed.match(joined_from_levels)
+    return join_observed(placed.observed, joined_from_levels, between), placing
 
 
 def _views(observed: Sequence[ObservedScan]) -> np.ndarray:
