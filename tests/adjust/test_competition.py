@@ -26,7 +26,7 @@ from planfit.adjust import (
     voting,
 )
 from planfit.adjust.alternation import PlanTask, alternate
-from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.association import AssociationOptions, PatchesOnPlan, associate
 from planfit.adjust.competition import best_of_starts, full_cost, is_clear, limits, patch_sigmas
 from planfit.adjust.terms.observation_models import WALLS
 from planfit.adjust.terms.walls import WallTerm, observations_of
@@ -82,6 +82,10 @@ def bent(poses, side_m):
 def aside(poses):
     """A whole that was aligned half a metre off."""
     return se3.yaw_transform(0.0, np.array([0.0, 0.55, 0.0])) @ poses
+
+
+def on_plan(patches, floorplan, poses):
+    return PatchesOnPlan(patches, floorplan, poses, AssociationOptions())
 
 
 def task_of(measurements, floorplan, options=AdjustOptions()):  # noqa: B008
@@ -142,12 +146,12 @@ def test_stretches_vote_for_their_shift_whatever_was_moved(walk, rng):
     spoilt = replace(walls, points_cam=points, ends_cam=walls.ends_cam + shift[:, None])
     start = bent(se3.yaw_transform(0.0, np.array([0.2, -0.25, 0.0])) @ poses, 0.3)
     worth = observations_of(walls, WALLS)
-    voted = vote(spoilt, worth, floorplan, start, AssociationOptions(), MAX_SHIFT_M)
+    voted = vote(on_plan(spoilt, floorplan, start), worth, MAX_SHIFT_M)
     assert position_rms_m(voted, poses) < 0.12 < 0.25 < position_rms_m(start, poses)
-    again = vote(spoilt, worth, floorplan, start, AssociationOptions(), 0.1)
+    again = vote(on_plan(spoilt, floorplan, start), worth, 0.1)
     assert np.abs(again[:, :2, 3] - start[:, :2, 3]).max() <= 0.1 + 1e-9
     with patch.object(voting, "BEND_SIGMA_M", 1e-3):
-        whole = vote(spoilt, worth, floorplan, start, AssociationOptions(), MAX_SHIFT_M)
+        whole = vote(on_plan(spoilt, floorplan, start), worth, MAX_SHIFT_M)
     moved = whole[:, :2, 3] - start[:, :2, 3]
     assert np.ptp(moved, axis=0).max() < 1e-9  # one shift for all
 
@@ -158,7 +162,7 @@ def test_where_walls_tell_nothing_stretches_stay(walk):
 
     def shift_for(floorplan):
         """Largest shift along x, and that along y, of walls that are believed on the way."""
-        voted = vote(structure.walls, worth, floorplan, poses, AssociationOptions(), MAX_SHIFT_M)
+        voted = vote(on_plan(structure.walls, floorplan, poses), worth, MAX_SHIFT_M)
         return np.abs(voted - poses)[:, :2, 3].max(axis=0)
 
     far = Floorplan.from_segments([[[500.0, 500.0], [510.0, 500.0]]], [[0.0, 1.0]])
@@ -229,7 +233,7 @@ def test_many_patches_of_one_wall_do_not_outvote_several_walls():
     found = {}
     for limit in (8.0, 1e9):
         with patch.object(voting, "MAX_OBSERVATIONS_PER_FACE", limit):
-            moved = vote(walls, worth, floorplan, pose, AssociationOptions(), MAX_SHIFT_M)
+            moved = vote(on_plan(walls, floorplan, pose), worth, MAX_SHIFT_M)
         found[limit] = moved[0, 1, 3]
     assert found[8.0] == pytest.approx(4.5, abs=0.03)
     assert found[1e9] == pytest.approx(4.2, abs=0.03)

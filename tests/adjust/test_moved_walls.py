@@ -22,7 +22,7 @@ from planfit.adjust import (
     moved_wall_findings,
     moved_walls,
 )
-from planfit.adjust.association import AssociationOptions, associate, displaced
+from planfit.adjust.association import AssociationOptions, PatchesOnPlan, associate, displaced
 from planfit.adjust.moved_walls import MovedWall, find_moved
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
@@ -41,7 +41,7 @@ def drawn_off(world, offsets_m):
 def found(world, floorplan, known=()):
     walls, poses, chosen = world.structure.walls, world.plan_from_cams, AssociationOptions()
     association = associate(walls, floorplan, poses, 0.35, chosen)
-    return find_moved(walls, association, floorplan, poses, chosen, known=known)
+    return find_moved(PatchesOnPlan(walls, floorplan, poses, chosen), association, known)
 
 
 def test_a_right_plan_has_no_moved_wall(world):
@@ -90,7 +90,7 @@ def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
     walls, chosen = make_structure(pose[None], (), patches).walls, AssociationOptions()
     association = associate(walls, plan, pose[None], 0.35, chosen)
     with patch.object(moved_walls, "_MAX_MOVED_SHARE", 0.7):
-        moved_m = find_moved(walls, association, plan, pose[None], chosen)
+        moved_m = find_moved(PatchesOnPlan(walls, plan, pose[None], chosen), association)
     assert np.flatnonzero(np.isfinite(moved_m)).tolist() == [4]
     assert moved_m[4] == pytest.approx(0.4, abs=0.01)
 

@@ -8,7 +8,7 @@ import pytest
 from builders import look, make_matches, make_structure
 from planfit.adjust import AdjustOptions, Measurements
 from planfit.adjust.alternation import PlanTask
-from planfit.adjust.association import AssociationOptions
+from planfit.adjust.association import AssociationOptions, PatchesOnPlan
 from planfit.adjust.competition import best_of_starts
 from planfit.adjust.shifts import other_places
 from planfit.floorplan import Floorplan
@@ -49,12 +49,16 @@ def seen_walls(heights_m, n_patches=5, n_frames=6):
     return poses, make_structure(poses, floor, patches)
 
 
+def on_plan(structure, floorplan, poses):
+    return PatchesOnPlan(structure.walls, floorplan, poses, AssociationOptions())
+
+
 def places(drawn_m, seen_m, moved_face, offset_m=-MOVED_M, **changes):
     floorplan = parallel_plan(drawn_m)
     poses, structure = seen_walls(seen_m, **changes)
     moved_m = np.full(len(floorplan), np.nan)
     moved_m[moved_face] = offset_m  # along the normal, which looks down
-    return other_places(structure.walls, floorplan, poses, moved_m, AssociationOptions())
+    return other_places(on_plan(structure, floorplan, poses), moved_m)
 
 
 def test_one_wall_against_one():
@@ -87,7 +91,7 @@ def test_pieces_in_one_line_are_one_wall():
     ]
     structure = make_structure(poses, (), patches)
     moved_m = np.array([np.nan, np.nan, -MOVED_M])
-    (shift,) = other_places(structure.walls, floorplan, poses, moved_m, AssociationOptions())
+    (shift,) = other_places(on_plan(structure, floorplan, poses), moved_m)
     assert (shift.n_for, shift.n_against) == (1, 1)
 
 
@@ -114,7 +118,7 @@ def test_nothing_moved_is_nothing_elsewhere():
     floorplan = parallel_plan([2.0, 6.0])
     poses, structure = seen_walls([2.0, 6.0])
     nothing = np.full(len(floorplan), np.nan)
-    assert not other_places(structure.walls, floorplan, poses, nothing, AssociationOptions())
+    assert not other_places(on_plan(structure, floorplan, poses), nothing)
 
 
 @pytest.fixture

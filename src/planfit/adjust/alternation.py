@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
-from planfit.adjust.association import Association, PlanCorrespondences, associate_with_plan
+from planfit.adjust.association import PatchesOnPlan, PlanCorrespondences, associate_with_plan
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MIN_SIGMAS, find_moved
 from planfit.adjust.options import AdjustOptions
@@ -50,6 +50,12 @@ class PlanTask:
             self.ceilings_m,
             self.moved_m,
         )
+
+    def walls_at(self, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> PatchesOnPlan:
+        """Patches of wall at poses."""
+        structure, options = self.measurements.structure, self.options.association
+        walls = structure.walls
+        return PatchesOnPlan(walls, self.floorplan, plan_from_cams, options, structure.storeys)
 
     def problem(
         self, plan_from_cams: Float[np.ndarray, "n 4 4"], correspondences: PlanCorrespondences
@@ -125,11 +131,8 @@ def narrow(
         reach_m = np.maximum(2 * scale_m * at, shortest_m)
         found = task.associated(plan_from_cams, float(reach_m.max(initial=shortest_m)))
         is_within = np.abs(np.nan_to_num(found.walls.distance_m, nan=np.inf)) < reach_m
-        kept = Association(
-            np.where(is_within, found.walls.face_idx, -1),
-            np.where(is_within, found.walls.distance_m, np.nan),
-        )
-        problem = stage.problem(plan_from_cams, replace(found, walls=kept, widths=at))
+        kept = replace(found, walls=found.walls.only(is_within), widths=at)
+        problem = stage.problem(plan_from_cams, kept)
         plan_from_cams = problem.solve().target_from_cams[: len(plan_from_cams)]
     return plan_from_cams
 
@@ -149,15 +152,8 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
     if options.wall_offset_sigma_m > 0 or not options.finds_moved_walls:
         return end
     for _ in range(MAX_SEARCHES):
-        moved_m = find_moved(
-            task.measurements.structure.walls,
-            end.correspondences.walls_as_drawn,
-            task.floorplan,
-            end.plan_from_cams,
-            options.association,
-            task.measurements.structure.storeys,
-            known,
-        )
+        seen = task.walls_at(end.plan_from_cams)
+        moved_m = find_moved(seen, end.correspondences.walls_as_drawn, known)
         if np.array_equal(np.isfinite(moved_m), _is_moved(end)):
             break
         again = go_on(task, end, moved_m)

@@ -30,21 +30,25 @@ class AssociationOptions:
     """Match whole walls of the scan to planes of the plan, and only where each is nearest to the other, as in
     the paper; see `planfit.adjust.mutual_walls`. Else each patch goes to the face nearest to it."""
 
+
+@dataclass(frozen=True)
+class PatchesOnPlan:
+    """Wall patches at poses on a plan, and which faces they may belong to."""
+
+    patches: WallPatches
+    floorplan: Floorplan
+    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    options: AssociationOptions
+    storeys: Int[np.ndarray, " n"] | None = None
+    """That each frame stands on, where the plan has storeys."""
+
     def rule(
-        self,
-        max_distance_m: float,
-        frame_idx: Int[np.ndarray, " k"],
-        storeys: Int[np.ndarray, " n"] | None,
+        self, max_distance_m: float, which: slice | Int[np.ndarray, " q"] = slice(None)
     ) -> BesideRule:
-        """When wall seen by frames lies beside a face within a distance (m), given each frame's storey."""
-        return BesideRule(
-            max_distance_m,
-            MAX_ANGLE_DEG,
-            MIN_OVERLAP,
-            END_MARGIN_M,
-            self.oriented,
-            None if storeys is None else storeys[frame_idx],
-        )
+        """When each patch, or each of some, lies beside a face, within a distance (m)."""
+        own = None if self.storeys is None else self.storeys[self.patches.frame_idx[which]]
+        oriented = self.options.oriented
+        return BesideRule(max_distance_m, MAX_ANGLE_DEG, MIN_OVERLAP, END_MARGIN_M, oriented, own)
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,12 @@ class Association:
     def __getitem__(self, which: Bool[np.ndarray, " k"]) -> "Association":
         """Those of some patches."""
         return Association(self.face_idx[which], self.distance_m[which])
+
+    def only(self, which: Bool[np.ndarray, " k"]) -> "Association":
+        """That of some patches; the others have no face."""
+        return Association(
+            np.where(which, self.face_idx, -1), np.where(which, self.distance_m, np.nan)
+        )
 
     @property
     def n_associated(self) -> int:
@@ -103,10 +113,7 @@ class PlanCorrespondences:
     @property
     def walls_as_drawn(self) -> Association:
         """Patches on faces that stand as drawn; the others have none."""
-        moved = self.is_moved
-        return Association(
-            np.where(moved, -1, self.walls.face_idx), np.where(moved, np.nan, self.walls.distance_m)
-        )
+        return self.walls.only(~self.is_moved)
 
     def is_same(self, other: "PlanCorrespondences") -> bool:
         """Whether both hold every patch to the same face."""
@@ -169,18 +176,18 @@ def associate(
         OptionError: the plan has storeys and `storeys` is None.
     """
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    rule = options.rule(max_distance_m, patches.frame_idx, storeys)
+    seen = PatchesOnPlan(patches, floorplan, plan_from_cams, options, storeys)
+    rule = seen.rule(max_distance_m)
     if options.mutual:
         n_points = np.diff(patches.start)
         distance_m, face_idx = mutually_nearest(ends, normals, n_points, floorplan, rule)
     else:
         distance_m, face_idx = nearest_of_segments(ends, normals, floorplan, rule)
-    if floorplan.is_unused is not None:
-        # What lies at a face that is not used belongs to no other one either.
-        is_out = (face_idx >= 0) & floorplan.is_unused[face_idx]
-        face_idx = np.where(is_out, -1, face_idx)
-        distance_m = np.where(is_out, np.nan, distance_m)
-    return Association(face_idx, distance_m)
+    found = Association(face_idx, distance_m)
+    if floorplan.is_unused is None:
+        return found
+    # What lies at a face that is not used belongs to no other one either.
+    return found.only((face_idx < 0) | ~floorplan.is_unused[face_idx])
 
 
 def wall_patches_in_plan(

@@ -165,17 +165,7 @@ def _with_other_places(task: PlanTask, found: Competition) -> Competition:
 
 def _other_places(task: PlanTask, end: Alternation) -> tuple[Shift, ...]:
     moved_m = end.correspondences.moved_m
-    if moved_m is None:
-        return ()
-    structure = task.measurements.structure
-    return other_places(
-        structure.walls,
-        task.floorplan,
-        end.plan_from_cams,
-        moved_m,
-        task.options.association,
-        structure.storeys,
-    )
+    return () if moved_m is None else other_places(task.walls_at(end.plan_from_cams), moved_m)
 
 
 def _shifted(
@@ -268,15 +258,8 @@ def _voted(
     walls = options.model("walls")
     if len(patches) == 0:
         return plan_from_cams
-    voted = vote(
-        patches,
-        observations_of(patches, walls),
-        task.floorplan,
-        plan_from_cams,
-        options.association,
-        min(MAX_SHIFT_M, max(options.wall_distances_m)),
-        task.measurements.structure.storeys,
-    )
+    furthest_m = min(MAX_SHIFT_M, max(options.wall_distances_m))
+    voted = vote(task.walls_at(plan_from_cams), observations_of(patches, walls), furthest_m)
     scale_m = walls.sigma * walls.loss.scale
     return narrow(task, voted, _widths(task, np.full(len(patches), VOTED_WIDTH * scale_m)))
 

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from planfit.adjust.association import Association, AssociationOptions, wall_patches_in_plan
+from planfit.adjust.association import Association, PatchesOnPlan, wall_patches_in_plan
 from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
@@ -24,7 +24,6 @@ from planfit.priors import (
     WALL_MOVED_MOST_M,
     WALL_SPREAD_M,
 )
-from planfit.segmentation import WallPatches
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""
@@ -73,44 +72,33 @@ class MovedWall:
 
 
 def find_moved(
-    patches: WallPatches,
-    as_drawn: Association,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    association: AssociationOptions,
-    storeys: Int[np.ndarray, " n"] | None = None,
-    known: Sequence[int] = (),
+    seen: PatchesOnPlan, as_drawn: Association, known: Sequence[int] = ()
 ) -> Float[np.ndarray, " f"]:
     """Offset (m) of each face that was moved, NaN for those as drawn.
 
     Args:
-        patches: of wall.
+        seen: patches of wall where the adjustment ended, on the plan as drawn.
         as_drawn: face of each patch among those as drawn.
-        floorplan: as drawn.
-        plan_from_cams: where the adjustment ended.
-        association: which faces a patch may belong to.
-        storeys: that each frame stands on, where the plan has storeys.
         known: faces that other evidence says were moved: some of their patches that agree are enough, and
             they say nothing against the poses.
     """
-    moved_m = np.full(len(floorplan), np.nan)
-    if len(patches) == 0:
+    n_faces = len(seen.floorplan)
+    moved_m = np.full(n_faces, np.nan)
+    if len(seen.patches) == 0:
         return moved_m
     is_drawn = np.abs(np.nan_to_num(as_drawn.distance_m, nan=np.inf)) < MIN_OFFSET_M
-    nearest, off = nearest_unexplained(
-        patches, ~is_drawn, floorplan, plan_from_cams, association, MAX_OFFSET_M, storeys
-    )
-    n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=len(floorplan))
+    nearest, off = nearest_unexplained(seen, ~is_drawn)
+    n_drawn = np.bincount(as_drawn.face_idx[is_drawn], minlength=n_faces)
     n_moved = 0
     grid = np.arange(-MAX_OFFSET_M, MAX_OFFSET_M + STEP_M, STEP_M)
     for face in np.unique(nearest[nearest >= 0]):
-        seen = off[nearest == face]
-        agree = np.abs(seen[:, None] - grid) < WITHIN_M
+        beside = off[nearest == face]
+        agree = np.abs(beside[:, None] - grid) < WITHIN_M
         at = int(np.argmax(agree.sum(axis=0)))
-        mine = seen[agree[:, at]]
+        mine = beside[agree[:, at]]
         offset = float(np.median(mine))
         enough = len(mine) >= MIN_PATCHES
-        most = len(mine) >= MIN_SHARE * (len(seen) + n_drawn[face])
+        most = len(mine) >= MIN_SHARE * (len(beside) + n_drawn[face])
         if enough and (most or face in known) and abs(offset) >= MIN_OFFSET_M:
             moved_m[face] = offset
             n_moved += 0 if face in known else len(mine)
@@ -120,19 +108,14 @@ def find_moved(
 
 
 def nearest_unexplained(
-    patches: WallPatches,
-    is_open: np.ndarray,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    association: AssociationOptions,
-    reach_m: float,
-    storeys: Int[np.ndarray, " n"] | None,
+    seen: PatchesOnPlan, is_open: Bool[np.ndarray, " k"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Face that each patch lies beside which none as drawn explains, and the signed distance (m) from it."""
-    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    nearest, off = np.full(len(patches), -1), np.full(len(patches), np.nan)
+    floorplan, reach_m, n_patches = seen.floorplan, MAX_OFFSET_M, len(seen.patches)
+    normals, ends = wall_patches_in_plan(seen.patches, seen.plan_from_cams)
+    nearest, off = np.full(n_patches, -1), np.full(n_patches, np.nan)
     open_idx = np.flatnonzero(is_open)
-    rule = association.rule(reach_m, patches.frame_idx[open_idx], storeys)
+    rule = seen.rule(reach_m, open_idx)
     distance = distances_of_segments(ends[open_idx], normals[open_idx], floorplan, rule)
     # A pilaster that moved lies nearer to the line of the wall beside it; but it ends where it is drawn.
     overhang = 1.0 - np.clip(share_beside(ends[open_idx], floorplan, OVERHANG_M), 0.0, 1.0)

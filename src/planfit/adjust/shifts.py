@@ -14,11 +14,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import betaln
 
-from planfit.adjust.association import AssociationOptions
+from planfit.adjust.association import PatchesOnPlan
 from planfit.adjust.moved_walls import MAX_OFFSET_M, MIN_PATCHES, WITHIN_M, is_one_wall
 from planfit.adjust.voting import beside_faces
 from planfit.floorplan import Floorplan
-from planfit.segmentation import WallPatches
 
 SAME_SHIFT_M = 0.1
 """Shifts that differ by less are one."""
@@ -44,30 +43,18 @@ class Shift:
     """Natural logarithm of the odds for where the scan was put against there, by the walls moved in each."""
 
 
-def other_places(
-    patches: WallPatches,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    moved_m: Float[np.ndarray, " f"],
-    association: AssociationOptions,
-    storeys: Int[np.ndarray, " n"] | None = None,
-) -> tuple[Shift, ...]:
+def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple[Shift, ...]:
     """Shifts under which walls that were taken for moved stand as drawn, the best supported first.
 
     Args:
-        patches: of wall.
-        floorplan: as drawn.
-        plan_from_cams: where the adjustment ended.
+        seen: patches of wall where the adjustment ended, on the plan as drawn.
         moved_m: offset (m) of each face that was taken for moved, NaN for those as drawn.
-        association: which faces a patch may belong to.
-        storeys: that each frame stands on, where the plan has storeys.
     """
+    floorplan = seen.floorplan
     moved = np.flatnonzero(np.isfinite(moved_m))
-    if len(moved) == 0 or len(patches) == 0:
+    if len(moved) == 0 or len(seen.patches) == 0:
         return ()
-    patch, face, distance_m = beside_faces(
-        patches, floorplan, plan_from_cams, association, 1.5 * MAX_OFFSET_M, storeys
-    )
+    patch, face, distance_m = beside_faces(seen, 1.5 * MAX_OFFSET_M)
     tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     shifts = np.concatenate([np.zeros((1, 2)), tried])
     as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals)

@@ -8,10 +8,8 @@ recorded motion and the matches leave open.
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.association import AssociationOptions, wall_patches_in_plan
-from planfit.floorplan import Floorplan
+from planfit.adjust.association import PatchesOnPlan, wall_patches_in_plan
 from planfit.floorplan.nearest_faces import distances_of_segments
-from planfit.segmentation import WallPatches
 
 STAY = 0.01
 """Observations that speak against a shift by the largest that is tried, along each axis: where walls tell
@@ -35,42 +33,26 @@ BEND_SIGMA_M = 0.1
 
 
 def vote(
-    patches: WallPatches,
-    observations: Float[np.ndarray, " k"],
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    association: AssociationOptions,
-    max_shift_m: float,
-    storeys: Int[np.ndarray, " n"] | None = None,
+    seen: PatchesOnPlan, observations: Float[np.ndarray, " k"], max_shift_m: float
 ) -> Float[np.ndarray, "n 4 4"]:
     """Poses with each stretch shifted to where most of its wall finds faces, smoothly in between.
 
     Args:
-        patches: of wall, in the order of frames.
+        seen: patches of wall, in the order of frames, aligned with the plan as a whole.
         observations: what each patch is worth.
-        floorplan: the plan.
-        plan_from_cams: aligned with it as a whole.
-        association: which faces a patch may belong to.
         max_shift_m: largest shift that is tried, each axis.
-        storeys: that each frame stands on, where the plan has storeys.
     """
+    patches, plan_from_cams = seen.patches, seen.plan_from_cams
     n_stretches = max(1, len(patches) // PATCHES_PER_STRETCH)
     stretch = np.arange(len(patches)) * n_stretches // max(len(patches), 1)
     grid = np.arange(-max_shift_m, max_shift_m + 1e-9, STEP_M)
-    patch, face, distance_m = beside_faces(
-        patches, floorplan, plan_from_cams, association, 1.5 * max_shift_m, storeys
-    )
+    patch, face, distance_m = beside_faces(seen, 1.5 * max_shift_m)
     stay = STAY * (grid / max_shift_m) ** 2
     votes = np.tile(-np.add.outer(stay, stay), (n_stretches, 1, 1))
     for k in range(n_stretches):
         mine = stretch[patch] == k
-        votes[k] += _votes(
-            face[mine],
-            floorplan.normals,
-            distance_m[mine],
-            observations[patch[mine]],
-            grid,
-        )
+        worth, normals = observations[patch[mine]], seen.floorplan.normals
+        votes[k] += _votes(face[mine], normals, distance_m[mine], worth, grid)
     shifts = grid[_smoothest(votes)]
     middle = np.array([patches.frame_idx[stretch == k].mean() for k in range(n_stretches)])
     frames = np.arange(len(plan_from_cams))
@@ -81,29 +63,16 @@ def vote(
 
 
 def beside_faces(
-    patches: WallPatches,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    association: AssociationOptions,
-    reach_m: float,
-    storeys: Int[np.ndarray, " n"] | None,
+    seen: PatchesOnPlan, reach_m: float
 ) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Pairs of a patch and a face that it may belong to, and the signed distance (m) across the face.
-
-    Args:
-        patches: of wall.
-        floorplan: the plan.
-        plan_from_cams: poses of all frames.
-        association: which faces a patch may belong to.
-        reach_m: a face lies no further across.
-        storeys: that each frame stands on, where the plan has storeys.
-    """
-    normals, ends = wall_patches_in_plan(patches, plan_from_cams)
-    rule = association.rule(reach_m, patches.frame_idx, storeys)
+    """Pairs of a patch and a face that it may belong to, no further across than `reach_m`, and the signed
+    distance (m) across the face."""
+    normals, ends = wall_patches_in_plan(seen.patches, seen.plan_from_cams)
+    rule = seen.rule(reach_m)
     rows, columns, distances = [], [], []
-    for begin in range(0, len(patches), 2048):  # bounds the (patches x faces) tables
-        part = slice(begin, min(begin + 2048, len(patches)))
-        distance = distances_of_segments(ends[part], normals[part], floorplan, rule.of(part))
+    for begin in range(0, len(ends), 2048):  # bounds the (patches x faces) tables
+        part = slice(begin, min(begin + 2048, len(ends)))
+        distance = distances_of_segments(ends[part], normals[part], seen.floorplan, rule.of(part))
         row, column = np.nonzero(np.isfinite(distance))
         rows.append(row + begin)
         columns.append(column)

@@ -15,13 +15,18 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
+from planfit.adjust.association import (
+    AssociationOptions,
+    PatchesOnPlan,
+    associate,
+    wall_patches_in_plan,
+)
 from planfit.adjust.moved_walls import MIN_SHARE, nearest_unexplained
 from planfit.as_built.lines_of_sight import END_M, MIN_FRAMES, LinesOfSight
 from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
-from planfit.priors import WALL_AS_DRAWN_M, WALL_LENGTH_LEAST_M, WALL_MOVED_MOST_M, WALL_SPREAD_M
+from planfit.priors import WALL_AS_DRAWN_M, WALL_LENGTH_LEAST_M, WALL_SPREAD_M
 from planfit.segmentation import Structure
 
 SCATTER_M, SCATTER_FRAMES = 0.02, 2.0
@@ -30,8 +35,6 @@ MIN_POINTS = 8
 """Of a frame, that tell where a face stands."""
 NEAR_FACTOR = 3.0
 """Points up to this many times the distance of those as drawn are looked at beside them."""
-MAX_OFFSET_M = WALL_MOVED_MOST_M.value
-"""Wall further off than this, m, is another wall."""
 AS_DRAWN_M = WALL_AS_DRAWN_M.value
 """Wall patches this near to a face as drawn, m, are of that face; what is further is looked at once these are
 known."""
@@ -172,15 +175,8 @@ def place_walls(
     patches, storeys, association = structure.walls, structure.storeys, AssociationOptions()
     drawn = associate(patches, floorplan, plan_from_cams, AS_DRAWN_M, association, storeys)
     has_face = drawn.face_idx >= 0
-    elsewhere, off_m = nearest_unexplained(
-        patches,
-        ~has_face,
-        floorplan,
-        plan_from_cams,
-        association,
-        MAX_OFFSET_M,
-        storeys,
-    )
+    seen = PatchesOnPlan(patches, floorplan, plan_from_cams, association, storeys)
+    elsewhere, off_m = nearest_unexplained(seen, ~has_face)
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     of_points = np.concatenate([patches.point_frame_idx, structure.unassigned_frame_idx])
     points_cam = np.concatenate([patches.points_cam, structure.unassigned_points_cam])

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust import Kept, Measurements
-from planfit.adjust.association import Association, PlanCorrespondences
+from planfit.adjust.association import PlanCorrespondences
 
 STRETCH_M = 6.0
 """Path length of a stretch: a room, or a piece of a corridor, which the walls beside it hold as one."""
@@ -126,11 +126,7 @@ def without_fold(
     )
     if correspondences is None:
         return measurements, None
-    walls = correspondences.walls
-    without = Association(
-        np.where(kept.patches, walls.face_idx, -1), np.where(kept.patches, walls.distance_m, np.nan)
-    )
-    return measurements, replace(correspondences, walls=without)
+    return measurements, replace(correspondences, walls=correspondences.walls.only(kept.patches))
 
 
 def _dealt(n: int, count: int, rng: np.random.Generator) -> Int[np.ndarray, " n"]:
