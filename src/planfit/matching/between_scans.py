@@ -16,13 +16,13 @@ from planfit.matching.pairs import FrameDescriptors, choose_pairs
 from planfit.matching.relative_motions import (
     VerifiedPairs,
     is_among,
-    match_sigmas,
     matches_of,
     verify_pairs,
+    with_explained,
 )
 from planfit.matching.tentative import ScanKeypoints
 from planfit.matching.types import Matches, RelativePoses
-from planfit.matching.view_agreement import MAX_CONTRADICTED_BETWEEN, explained_shares
+from planfit.matching.view_agreement import MAX_CONTRADICTED_BETWEEN
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -115,17 +115,8 @@ def verify_between(
         pairs = pairs[~is_among(pairs, known.relative_poses.pairs)]
     stage = "pairs between scans"
     found = verify_pairs(seen.scan, seen.keypoints, pairs, options, runtime, stage)
-    relative_poses = found.relative_poses
-    explained = explained_shares(
-        relative_poses,
-        found.points_a,
-        found.points_b,
-        match_sigmas(found),
-        np.zeros(len(found), dtype=bool),
-        seen.keypoints.grids,
-        MAX_CONTRADICTED_BETWEEN,
-    )
-    found = replace(found, relative_poses=replace(relative_poses, explained=explained))
+    is_neighbour = np.zeros(len(found), dtype=bool)
+    found = with_explained(found, is_neighbour, seen.keypoints.grids, MAX_CONTRADICTED_BETWEEN)
     return found if known is None else known.joined(found)
 
 

@@ -14,14 +14,14 @@ from planfit.matching.relative_motions import (
     VerifiedPairs,
     are_neighbours,
     is_among,
-    match_sigmas,
     matches_of,
     measure_neighbours,
     verify_pairs,
+    with_explained,
 )
 from planfit.matching.tentative import ScanKeypoints, choose_tentative
 from planfit.matching.types import Matches
-from planfit.matching.view_agreement import MAX_CONTRADICTED, explained_shares
+from planfit.matching.view_agreement import MAX_CONTRADICTED
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.odometry import Odometry
@@ -75,12 +75,7 @@ def search_matches(
         return found if by_hand is None else by_hand.kept(found)
 
     def accepted(found: VerifiedPairs) -> np.ndarray:
-        return cycle_consistent(
-            found.relative_poses,
-            scan.world_from_cams,
-            odometry,
-            certain,
-        )
+        return cycle_consistent(found.relative_poses, scan.world_from_cams, odometry, certain)
 
     found = _compared(verified(tentative.pairs, "pairs"), seen, options)
     is_accepted = accepted(found)
@@ -99,17 +94,8 @@ def search_matches(
 
 def _compared(found: VerifiedPairs, seen: ScanKeypoints, options: MatchingOptions) -> VerifiedPairs:
     """The same with how much of both views each motion explains."""
-    relative_poses = found.relative_poses
-    explained = explained_shares(
-        relative_poses,
-        found.points_a,
-        found.points_b,
-        match_sigmas(found),
-        are_neighbours(relative_poses.pairs, options.pairs.neighbours),
-        seen.grids,
-        MAX_CONTRADICTED,
-    )
-    return replace(found, relative_poses=replace(relative_poses, explained=explained))
+    is_neighbour = are_neighbours(found.relative_poses.pairs, options.pairs.neighbours)
+    return with_explained(found, is_neighbour, seen.grids, MAX_CONTRADICTED)
 
 
 def _possible(found: VerifiedPairs, scan: Scan, odometry: Odometry) -> VerifiedPairs:

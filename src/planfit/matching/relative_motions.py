@@ -11,6 +11,8 @@ from planfit.matching.options import MatchingOptions
 from planfit.matching.tentative import ScanKeypoints, find_keypoints, find_more_keypoints
 from planfit.matching.types import Matches, RelativePoses
 from planfit.matching.verify import MIN_INLIERS, match_sigma, verify
+from planfit.matching.view_agreement import explained_shares
+from planfit.matching.view_grids import ViewGrids
 from planfit.runtime import SEED, Arrays, Runtime, cache_key, map_rows
 from planfit.scan import Scan
 
@@ -55,6 +57,22 @@ def match_sigmas(verified: VerifiedPairs) -> Float[np.ndarray, " p"]:
             for a, b in zip(verified.points_a, verified.points_b, strict=True)
         ]
     )
+
+
+def with_explained(
+    found: VerifiedPairs,
+    is_neighbour: Bool[np.ndarray, " p"],
+    grids: ViewGrids,
+    max_contradicted: float,
+) -> VerifiedPairs:
+    """The same with how much of both views each motion explains; arguments as of `explained_shares`."""
+    edges, points, sigma_m = (
+        found.relative_poses,
+        (found.points_a, found.points_b),
+        match_sigmas(found),
+    )
+    explained = explained_shares(edges, *points, sigma_m, is_neighbour, grids, max_contradicted)
+    return replace(found, relative_poses=replace(edges, explained=explained))
 
 
 def matches_of(accepted: VerifiedPairs, n_tried: int, n_keypoints: int) -> Matches:
@@ -207,12 +225,7 @@ def verify_pairs(
     )
 
 
-def _verify_pair(
-    scan: Scan,
-    seen: ScanKeypoints,
-    pairs: np.ndarray,
-    k: int,
-) -> Arrays:
+def _verify_pair(scan: Scan, seen: ScanKeypoints, pairs: np.ndarray, k: int) -> Arrays:
     """Verified matches of one pair; none where the pair does not hold together."""
     i, j = (int(v) for v in pairs[k])
     a, b = seen.keypoints[i], seen.keypoints[j]
