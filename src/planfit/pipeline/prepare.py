@@ -1,6 +1,6 @@
 """A scan made ready for a plan: levelled, held to its keyframes, loops closed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -90,30 +90,25 @@ def prepare(
     level = level_from_world(observations.gravity, structure.floor_height_m)
     level_from_cams = level @ tracking.recorded_world_from_cams
     level_from_keys = level @ poses[keyframes.frame_idx]
-    if not chosen.adjust.loops_first:
-        return PreparedScan(
-            keyframes,
-            measurements,
-            level,
-            level_from_cams,
-            level_from_keys,
-            unplaced=tracking.unplaced,
-            tracking_doubt=tracking.doubt,
-            leaps=tracking.leaps,
-            metres_per_pose_unit=tracking.metres_per_unit,
-        )
-    with stages.stage("close loops"):
-        closed = close_loops_untorn(measurements, level_from_keys, chosen.adjust)
-    return PreparedScan(
+    prepared = PreparedScan(
         keyframes,
-        closed.measurements,
+        measurements,
         level,
         level_from_cams,
-        closed.solution.target_from_cams,
-        findings=tuple(visit.finding for visit in closed.dropped),
+        level_from_keys,
         unplaced=tracking.unplaced,
-        torn_steps=closed.torn_steps,
         tracking_doubt=tracking.doubt,
         leaps=tracking.leaps,
         metres_per_pose_unit=tracking.metres_per_unit,
+    )
+    if not chosen.adjust.loops_first:
+        return prepared
+    with stages.stage("close loops"):
+        closed = close_loops_untorn(measurements, level_from_keys, chosen.adjust)
+    return replace(
+        prepared,
+        measurements=closed.measurements,
+        level_from_keys=closed.solution.target_from_cams,
+        findings=tuple(visit.finding for visit in closed.dropped),
+        torn_steps=closed.torn_steps,
     )
