@@ -7,8 +7,8 @@ import pytest
 
 import planfit
 from planfit.errors import OptionError
-from planfit.pipeline import running as module
-from planfit.pipeline.running import running
+from planfit.pipeline import given as module
+from planfit.pipeline.given import running
 
 
 @pytest.fixture

@@ -38,12 +38,11 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
 from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit
-from planfit.pipeline.given import Given, require_given
+from planfit.pipeline.given import Given, require_given, running
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
-from planfit.pipeline.running import running
 from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan

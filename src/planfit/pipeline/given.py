@@ -1,17 +1,23 @@
-"""What is given to `refine`, `align` and `refine_together`, refused there where it is of another type."""
+"""What is given to `refine`, `align` and `refine_together`, refused there where it is of another type.
 
-from collections.abc import Mapping
+And what they run on without a runtime: progress where it can be seen, a cache where one is named.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from planfit.adjust import check_extra_terms
+from planfit.compiled.making import compile_what_is_not_ready
 from planfit.corrections import NO_CORRECTIONS, Corrections
-from planfit.errors import OptionError, printable
+from planfit.errors import OptionError, printable, require
 from planfit.floorplan import Floorplan
 from planfit.lsq import Term
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
-from planfit.runtime import Runtime
+from planfit.runtime import ProgressLine, Runtime
 from planfit.scan import Scan
 from planfit.survey import Survey
 from planfit.tracking import choose_keyframes
@@ -54,6 +60,34 @@ class Given:
         n_keyframes = n_frames if keyframe_idx is None else len(keyframe_idx)
         n_reduced = None if n_keyframes == n_frames else n_keyframes
         check_extra_terms(self.extra_terms, self.options.adjust, n_reduced)
+
+
+@contextmanager
+def running(runtime: Runtime | None, cache: str | Path | None, progress: bool) -> Iterator[Runtime]:
+    """The runtime that a user gave, or one of what was asked for in its place.
+
+    Args:
+        runtime: threads, cache and progress.
+        cache: folder that keeps finished stages.
+        progress: whether terminals and notebooks show how far it is.
+
+    Raises:
+        OptionError: there are a runtime and a cache.
+        OutputError: kernels cannot be compiled.
+    """
+    if runtime is not None:
+        require(
+            cache is None,
+            "cache: expected a folder or a runtime, found both; give planfit.Runtime(cache_dir=...) alone",
+        )
+        yield runtime
+        return
+    with ProgressLine() as line:
+        is_shown = progress and line.is_shown
+        if is_shown:
+            compile_what_is_not_ready(line)
+        folder = None if cache is None else Path(cache)
+        yield Runtime(cache_dir=folder, on_progress=line if is_shown else None)
 
 
 def require_given(scan: Any, floorplan: Any, options: Any, runtime: Any) -> None:

@@ -17,11 +17,10 @@ from planfit.pipeline.corrected import (
     with_corrected_plan,
 )
 from planfit.pipeline.depth_unit import AS_READ, in_unit
-from planfit.pipeline.given import Given, require_given
+from planfit.pipeline.given import Given, require_given, running
 from planfit.pipeline.observations import Observations, extract_observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import MadeOf, RefineResult, make_result
-from planfit.pipeline.running import running
 from planfit.pipeline.solve import solve
 from planfit.pipeline.survey import observe_survey
 from planfit.pipeline.validation import validate

@@ -11,11 +11,10 @@ from planfit.findings import Finding
 from planfit.floorplan import Floorplan
 from planfit.matching.between_scans import retrieve_between, verify_between
 from planfit.matching.pairs import distinct_views
-from planfit.pipeline.given import require_given
+from planfit.pipeline.given import require_given, running
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.refine import refine
-from planfit.pipeline.running import running
 from planfit.pipeline.together.joined import (
     JoinedScans,
     ScansTogether,
