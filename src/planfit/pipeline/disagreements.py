@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.adjust import Measurements, PlanAdjustment
+from planfit.adjust import Measurements
 from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
 from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.evaluation import median_match_distance
 from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
-from planfit.pipeline.folds import NOT_KEPT_OUT, Folds, without_fold
-from planfit.pipeline.links import frames_of_stretch
-from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.folds import NOT_KEPT_OUT, FoldedSolves, without_fold
 
 SUSPECT_FACTOR = 4.0
 """What the rest puts this many times further off than the typical one of its kind is suspect,"""
@@ -103,43 +101,39 @@ class Disagreement:
 class _Items:
     """Pieces of evidence of a result: visits, walls, loops by hand, stretches of the recorded motion."""
 
-    prepared: PreparedScan
-    adjustment: PlanAdjustment
-    folds: Folds
+    solves: FoldedSolves
     visits: tuple[int, ...]
     """As numbered by the folds."""
     faces: tuple[int, ...]
-    recorded: Poses
-    """Poses of the keyframes as recorded, in any frame."""
 
     @property
     def all(self) -> tuple[EvidenceItem, ...]:
         """In the order of their residuals."""
-        folds, pairs = self.folds, self.prepared.measurements.matches.pairs
+        folds, pairs = self.solves.folds, self.solves.prepared.measurements.matches.pairs
         found = []
         for visit in self.visits:
             a, b = folds.stretch[pairs[int(np.argmax(folds.visit == visit))]]
-            first, last = (frames_of_stretch(self.prepared, folds, s) for s in (a, b))
+            first, last = (self.solves.frames_of(s) for s in (a, b))
             found.append(EvidenceItem("loop", first, last))
         found += [EvidenceItem("wall", face_idx=f, ends=self._ends(f)) for f in self.faces]
         for own in self.hand_groups:
-            pairs = self.prepared.keyframes.frame_idx[self.by_hand.pairs[own]]
+            pairs = self.solves.prepared.keyframes.frame_idx[self.by_hand.pairs[own]]
             first, last = ((int(of.min()), int(of.max())) for of in pairs.T)
             found.append(EvidenceItem("loop by hand", first, last))
         for stretch in range(folds.n_stretches):
-            frames = frames_of_stretch(self.prepared, folds, stretch)
+            frames = self.solves.frames_of(stretch)
             found.append(EvidenceItem("recorded motion", frames))
         return tuple(found)
 
     def _ends(self, face: int) -> tuple[tuple[float, float], ...]:
-        found = self.adjustment.correspondences
+        found = self.solves.adjustment.correspondences
         ends = [] if found is None else found.floorplan.drawn_ends[face].tolist()
         return tuple((float(x), float(y)) for x, y in ends)
 
     @property
     def by_hand(self) -> Matches:
         """Loops that a person added, between keyframes; none where there are none."""
-        measurements = self.prepared.measurements
+        measurements = self.solves.prepared.measurements
         if measurements.by_hand is not None:
             return measurements.by_hand
         return measurements.matches.of_pairs(np.zeros(len(measurements.matches.pairs), dtype=bool))
@@ -147,28 +141,34 @@ class _Items:
     @property
     def hand_groups(self) -> tuple[Bool[np.ndarray, " h"], ...]:
         """Which loops by hand are one piece of evidence: those between the same two stretches."""
-        cells = self.folds.stretch[self.by_hand.pairs].reshape(-1, 2)
+        cells = self.solves.folds.stretch[self.by_hand.pairs].reshape(-1, 2)
         return tuple((cells == cell).all(axis=1) for cell in np.unique(cells, axis=0))
 
     @property
     def patch_faces(self) -> Int[np.ndarray, " w"]:
         """Face of each wall patch; -1 without one."""
-        found = self.adjustment.correspondences
-        n_patches = len(self.prepared.measurements.structure.walls)
+        found = self.solves.adjustment.correspondences
+        n_patches = len(self.solves.prepared.measurements.structure.walls)
         return np.full(n_patches, -1) if found is None else found.walls.face_idx
 
     def visits_m(self, poses: Poses, fold: int | None = None) -> Float[np.ndarray, " v"]:
         """Median distance of the matches of each visit, m; those that a fold does not keep out are NaN."""
-        found, matches = np.full(len(self.visits), np.nan), self.prepared.measurements.matches
+        found, matches = (
+            np.full(len(self.visits), np.nan),
+            self.solves.prepared.measurements.matches,
+        )
         for k, visit in enumerate(self.visits):
-            pairs = self.folds.pairs_of_visits[visit]
-            if fold is None or self.folds.of_pairs[pairs[0]] == fold:
+            pairs = self.solves.folds.pairs_of_visits[visit]
+            if fold is None or self.solves.folds.of_pairs[pairs[0]] == fold:
                 found[k] = median_match_distance(matches.taken(pairs), poses)
         return found
 
     def patches_m(self, poses: Poses) -> Float[np.ndarray, " w"]:
         """Offset of each wall patch from its face, m; NaN without one."""
-        measurements, found = self.prepared.measurements, self.adjustment.correspondences
+        measurements, found = (
+            self.solves.prepared.measurements,
+            self.solves.adjustment.correspondences,
+        )
         walls, faces = measurements.structure.walls, self.patch_faces
         offsets_m = np.full(len(walls), np.nan)
         has = faces >= 0
@@ -192,20 +192,22 @@ class _Items:
         found += [
             median_match_distance(self.by_hand.of_pairs(own), poses) for own in self.hand_groups
         ]
-        found += [self._strain_m(poses, stretch) for stretch in range(self.folds.n_stretches)]
+        found += [
+            self._strain_m(poses, stretch) for stretch in range(self.solves.folds.n_stretches)
+        ]
         return np.array(found)
 
     def _strain_m(self, poses: Poses, stretch: int) -> float:
         """By how much the steps of a stretch of the walk, the one to the next stretch included, differ from
         those recorded, added up, m."""
-        first, last = np.flatnonzero(self.folds.stretch == stretch)[[0, -1]]
+        first, last = np.flatnonzero(self.solves.folds.stretch == stretch)[[0, -1]]
         own = slice(first, min(last + 2, len(poses)))
-        steps = [se3.inverse(p[own][:-1]) @ p[own][1:] for p in (poses, self.recorded)]
+        steps = [se3.inverse(p[own][:-1]) @ p[own][1:] for p in (poses, self.solves.recorded)]
         return float(np.linalg.norm((steps[0] - steps[1])[:, :3, 3], axis=1).sum())
 
     def without(self, item: int) -> tuple[Measurements, PlanCorrespondences | None]:
         """All evidence but one item."""
-        measurements, folds = self.prepared.measurements, self.folds
+        measurements, folds = self.solves.prepared.measurements, self.solves.folds
         pairs, surfaces, patches = (
             np.full(len(of), NOT_KEPT_OUT)
             for of in (folds.of_pairs, folds.of_surfaces, folds.of_patches)
@@ -222,35 +224,21 @@ class _Items:
             own = self.hand_groups[item - n_visits - n_faces]
             measurements = replace(measurements, by_hand=self.by_hand.of_pairs(~own))
         out = replace(folds, of_pairs=pairs, of_surfaces=surfaces, of_patches=patches)
-        return without_fold(measurements, self.adjustment.correspondences, out, 0)
+        return without_fold(measurements, self.solves.adjustment.correspondences, out, 0)
 
 
-def find_disagreements(
-    prepared: PreparedScan,
-    adjustment: PlanAdjustment,
-    folds: Folds,
-    recorded: Poses,
-    by_fold: Sequence[Poses],
-    solve: Solve,
-) -> tuple[Disagreement, ...]:
+def find_disagreements(solves: FoldedSolves, solve: Solve) -> tuple[Disagreement, ...]:
     """Suspects, the most suspect first, and what each stands against.
 
     Args:
-        prepared: the scan.
-        adjustment: the result.
-        folds: what each fold kept out.
-        recorded: poses of the keyframes as recorded, in any frame.
-        by_fold: poses of the keyframes as each fold solved for them.
+        solves: the result, and those without what each fold kept out.
         solve: once more, from the result, with less.
     """
-    items = _items(prepared, adjustment, folds, recorded)
-    named, solved = (
-        items.all,
-        adjustment.solution.target_from_cams[: len(prepared.keyframes.frame_idx)],
-    )
+    items, folds, solved = _items(solves), solves.folds, solves.solved
+    named = items.all
     visits_m, patches_m = items.visits_m(solved), items.patches_m(solved)
     after_m = items.residuals_m(visits_m, patches_m, solved)
-    for fold, poses in enumerate(by_fold):
+    for fold, poses in enumerate(solves.by_fold):
         out_m = items.visits_m(poses, fold)
         visits_m = np.where(np.isfinite(out_m), out_m, visits_m)
         patches_m = np.where(folds.of_patches == fold, items.patches_m(poses), patches_m)
@@ -267,12 +255,11 @@ def find_disagreements(
     return tuple(found)
 
 
-def _items(
-    prepared: PreparedScan, adjustment: PlanAdjustment, folds: Folds, recorded: Poses
-) -> _Items:
-    has_matches = np.diff(prepared.measurements.matches.start) > 0
+def _items(solves: FoldedSolves) -> _Items:
+    folds, matches = solves.folds, solves.prepared.measurements.matches
+    has_matches = np.diff(matches.start) > 0
     visits = np.unique(folds.visit[(folds.visit != NOT_KEPT_OUT) & has_matches])
-    items = _Items(prepared, adjustment, folds, tuple(visits.tolist()), (), recorded)
+    items = _Items(solves, tuple(visits.tolist()), ())
     faces = items.patch_faces
     seen, counts = np.unique(faces[faces >= 0], return_counts=True)
     return replace(items, faces=tuple(seen[counts >= MIN_PATCHES].tolist()))

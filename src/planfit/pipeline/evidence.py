@@ -35,11 +35,11 @@ from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
 from planfit.pipeline.disagreements import Disagreement, find_disagreements
 from planfit.pipeline.folds import (
-    Folds,
+    FoldedSolves,
     choose_folds,
     without_fold,
 )
-from planfit.pipeline.links import Link, Visit, frames_of_stretch, judge_links, judge_visits
+from planfit.pipeline.links import Link, Visit, judge_links, judge_visits
 from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.predicted_error import (
     brought_close,
@@ -246,12 +246,13 @@ def gather_evidence(
 
     with blas_on_one_thread():
         by_fold = in_threads(without, range(folds.count))
+    solves = FoldedSolves(prepared, adjustment, folds, recorded, tuple(by_fold))
     give_back_memory()  # each fold had a copy of the points that it kept
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
     covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold, rng, shared)
     spread = spread_of_rivals(solved, adjustment.rivals)
-    near = _near_plan(prepared, on_plan, options, folds, recorded, by_fold)
+    near = _near_plan(solves, on_plan, options)
     of_positions = covariance[:, 3:, 3:]
     before = recorded[:, :3, 3]
     if problem.gauge is not None:
@@ -261,10 +262,10 @@ def gather_evidence(
     found = Evidence(
         pose_covariances=interpolated(covariance, every, keys),
         correction_m=np.interp(every, keys, correction_m),
-        stretches=_stretches(prepared, folds, of_positions, near),
-        visits=judge_visits(prepared, folds, recorded, by_fold, solved),
+        stretches=_stretches(solves, of_positions, near),
+        visits=judge_visits(solves),
         torn=find_broken_steps(measurements, solved),
-        disagreements=find_disagreements(prepared, adjustment, folds, recorded, by_fold, solve),
+        disagreements=find_disagreements(solves, solve),
         alignment=_judge_alignment(prepared, on_plan, solved, align_options),
         scan_costs=_scan_costs(prepared, solved, options),
         is_placed=on_plan.is_placed,
@@ -276,7 +277,7 @@ def gather_evidence(
         leaps=prepared.leaps,
         without_plan=on_plan.storeys.without_plan if on_plan.storeys else (),
         left_out=leave_out_control(problem, solved),
-        links=judge_links(prepared, folds, recorded, solved),
+        links=judge_links(solves),
         strength=directions_held(problem, solved, folds.stretch, covariance, keyframes.frame_idx),
     )
     is_measured = problem.by_hand is not None or bool(frames_held(problem, solved).any())
@@ -304,16 +305,11 @@ def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[Findi
 
 
 def _near_plan(
-    prepared: PreparedScan,
-    on_plan: ScanOnPlan,
-    options: AdjustOptions,
-    folds: Folds,
-    recorded: Float[np.ndarray, "k 4 4"],
-    by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
+    solves: FoldedSolves, on_plan: ScanOnPlan, options: AdjustOptions
 ) -> Bool[np.ndarray, "w 3"] | None:
     """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
     plan."""
-    structure, floorplan = prepared.measurements.structure, on_plan.floorplan
+    structure, floorplan = solves.prepared.measurements.structure, on_plan.floorplan
     patches, storeys = structure.walls, structure.storeys
     if floorplan is None:
         return None
@@ -326,21 +322,21 @@ def _near_plan(
         return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
 
     kept_out_m = np.full(len(patches), np.inf)
-    for fold, poses in enumerate(by_fold):
-        is_out = folds.of_patches == fold
+    for fold, poses in enumerate(solves.by_fold):
+        is_out = solves.folds.of_patches == fold
         kept_out_m[is_out] = distances_m(poses)[is_out]
     is_near = kept_out_m < NEAR_FACE_M
     is_beside = ~is_near & (kept_out_m < BESIDE_M)
-    return np.column_stack([distances_m(recorded) < NEAR_FACE_M, is_near, is_beside])
+    return np.column_stack([distances_m(solves.recorded) < NEAR_FACE_M, is_near, is_beside])
 
 
 def _stretches(
-    prepared: PreparedScan,
-    folds: Folds,
+    solves: FoldedSolves,
     covariance: Float[np.ndarray, "k 3 3"],
     near: Bool[np.ndarray, "w 3"] | None,
 ) -> tuple[Stretch, ...]:
-    of_patch = folds.stretch[prepared.measurements.structure.walls.frame_idx]
+    folds = solves.folds
+    of_patch = folds.stretch[solves.prepared.measurements.structure.walls.frame_idx]
     stretches = []
     for k in range(folds.n_stretches):
         mean = covariance[folds.stretch == k].mean(axis=0)
@@ -348,7 +344,7 @@ def _stretches(
         shares = seen.mean(axis=0) if len(seen) else np.full(3, np.nan)
         stretches.append(
             Stretch(
-                frames=frames_of_stretch(prepared, folds, k),
+                frames=solves.frames_of(k),
                 predicted_m=float(np.sqrt(np.trace(mean))),
                 open_direction=_open_direction(mean[:2, :2]),
                 n_patches=len(seen),

@@ -12,8 +12,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.adjust import Kept, Measurements
+from planfit.adjust import Kept, Measurements, PlanAdjustment
 from planfit.adjust.association import PlanCorrespondences
+from planfit.pipeline.prepare import PreparedScan
 
 STRETCH_M = 6.0
 """Path length of a stretch: a room, or a piece of a corridor, which the walls beside it hold as one."""
@@ -52,6 +53,31 @@ class Folds:
         n_visits = int(self.visit.max(initial=NOT_KEPT_OUT)) + 1
         borders = np.searchsorted(self.visit[order], np.arange(n_visits + 1))
         return tuple(order[first:last] for first, last in pairwise(borders))
+
+
+@dataclass(frozen=True)
+class FoldedSolves:
+    """A result of k keyframes, and its scan solved once more without what each fold keeps out."""
+
+    prepared: PreparedScan
+    adjustment: PlanAdjustment
+    folds: Folds
+    recorded: Float[np.ndarray, "k 4 4"]
+    """Poses of the keyframes as recorded, in any frame."""
+    by_fold: tuple[Float[np.ndarray, "k 4 4"], ...]
+    """The same as each fold solved for them."""
+
+    @property
+    def solved(self) -> Float[np.ndarray, "k 4 4"]:
+        """The same by the result."""
+        return self.adjustment.solution.target_from_cams
+
+    def frames_of(self, stretch: int | np.integer) -> tuple[int, int]:
+        """First and last frame of a stretch of the walk, as numbered in the scan."""
+        own: Int[np.ndarray, " k"] = self.prepared.keyframes.frame_idx[
+            self.folds.stretch == stretch
+        ]
+        return int(own[0]), int(own[-1])
 
 
 def choose_folds(

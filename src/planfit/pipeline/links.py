@@ -1,6 +1,6 @@
 """Links of the registration: stretches of the walk that see the same, by how much they overlap and agree."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -11,8 +11,7 @@ from scipy.spatial import cKDTree
 from planfit.evaluation import match_distances
 from planfit.geometry import se3
 from planfit.matching import Matches, SurfacePairs
-from planfit.pipeline.folds import Folds
-from planfit.pipeline.prepare import PreparedScan
+from planfit.pipeline.folds import FoldedSolves
 from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 
@@ -70,34 +69,27 @@ class Link:
     """Pairs of frames, by keypoints and by surfaces."""
 
 
-def judge_links(
-    prepared: PreparedScan, folds: Folds, recorded: Poses, solved: Poses
-) -> tuple[Link, ...]:
-    """Every two stretches that pairs of frames hold together, in the order of the walk.
-
-    Args:
-        prepared: the scan.
-        folds: stretches of the walk.
-        recorded: poses of the keyframes as recorded, in any frame.
-        solved: the same by the result.
-    """
-    measurements, n = prepared.measurements, folds.n_stretches
+def judge_links(solves: FoldedSolves) -> tuple[Link, ...]:
+    """Every two stretches that pairs of frames hold together, in the order of the walk."""
+    folds, measurements, n = solves.folds, solves.prepared.measurements, solves.folds.n_stretches
     matches, surfaces = measurements.matches, measurements.surfaces
     has_points = np.flatnonzero(np.diff(matches.start) > 0)
     by_points = _by_link(matches.pairs[has_points], folds.stretch, n)
     by_surfaces = _by_link(surfaces.pairs, folds.stretch, n)
-    cubes = _cubes_seen(measurements.structure, solved, folds.stretch, n)
+    cubes = _cubes_seen(measurements.structure, solves.solved, folds.stretch, n)
     none = np.zeros(0, dtype=int)
     links = []
     for cell in sorted({*by_points, *by_surfaces}):
         a, b = divmod(cell, n)
         own = matches.taken(has_points[by_points.get(cell, none)])
         pairs = surfaces[by_surfaces.get(cell, none)]
-        before_m, after_m = (_mean_off_m(own, pairs, poses) for poses in (recorded, solved))
+        before_m, after_m = (
+            _mean_off_m(own, pairs, poses) for poses in (solves.recorded, solves.solved)
+        )
         links.append(
             Link(
-                frames_of_stretch(prepared, folds, a),
-                frames_of_stretch(prepared, folds, b),
+                solves.frames_of(a),
+                solves.frames_of(b),
                 _overlap(cubes[a], cubes[b]),
                 before_m,
                 after_m,
@@ -166,23 +158,9 @@ def _points_in_parts(
             yield surface.points_cam[part], group if is_level else surface.frame_idx[group]
 
 
-def judge_visits(
-    prepared: PreparedScan,
-    folds: Folds,
-    recorded: Float[np.ndarray, "k 4 4"],
-    by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
-    solved: Float[np.ndarray, "k 4 4"],
-) -> tuple[Visit, ...]:
-    """Each visit by the fold that kept it out.
-
-    Args:
-        prepared: the scan.
-        folds: which visits each fold kept out.
-        recorded: poses of the keyframes as recorded.
-        by_fold: the same as each fold solved for them.
-        solved: the same by the result.
-    """
-    matches = prepared.measurements.matches
+def judge_visits(solves: FoldedSolves) -> tuple[Visit, ...]:
+    """Each visit by the fold that kept it out."""
+    matches, folds, solved = solves.prepared.measurements.matches, solves.folds, solves.solved
     steps_m = np.linalg.norm(np.diff(solved[:, :3, 3], axis=0), axis=1)
     walked_m = np.concatenate([[0.0], np.cumsum(steps_m)])
     visits = []
@@ -192,15 +170,15 @@ def judge_visits(
         if own.n_matches == 0:  # frames that surfaces alone brought together
             continue
         a, b = folds.stretch[own.pairs[0]]
-        kept_out = by_fold[int(folds.of_pairs[pairs[0]])]
+        kept_out = solves.by_fold[int(folds.of_pairs[pairs[0]])]
         before_m, kept_out_m, after_m = (
-            match_distances(own, poses) for poses in (recorded, kept_out, solved)
+            match_distances(own, poses) for poses in (solves.recorded, kept_out, solved)
         )
         way_m = np.abs(np.diff(walked_m[own.pairs], axis=1)[:, 0])
         visits.append(
             Visit(
-                frames_of_stretch(prepared, folds, a),
-                frames_of_stretch(prepared, folds, b),
+                solves.frames_of(a),
+                solves.frames_of(b),
                 *(float(np.median(each)) for each in (before_m, kept_out_m, after_m)),
                 mean_m=float(np.mean(after_m)),
                 n_points=own.n_matches,
@@ -208,11 +186,3 @@ def judge_visits(
             )
         )
     return tuple(visits)
-
-
-def frames_of_stretch(
-    prepared: PreparedScan, folds: Folds, stretch: int | np.integer
-) -> tuple[int, int]:
-    """First and last frame of a stretch, as numbered in the scan."""
-    own: Int[np.ndarray, " k"] = prepared.keyframes.frame_idx[folds.stretch == stretch]
-    return int(own[0]), int(own[-1])
