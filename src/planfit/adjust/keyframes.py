@@ -14,7 +14,6 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.terms.control import ControlMarks
 from planfit.geometry import se3
 from planfit.matching import Matches, SurfacePairs
-from planfit.scan.odometry import Odometry
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
 
@@ -61,7 +60,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
     return Measurements(
         _reduce_matches(measurements.matches, keyframes),
         _reduce_structure(measurements.structure, keyframes),
-        _reduce_odometry(measurements.odometry, keyframes),
+        measurements.odometry.between(keyframes.frame_idx, keyframes.first_from_keys),
         tuple(measurements.cameras[i] for i in keyframes.frame_idx) if measurements.cameras else (),
         keyframes.frame_idx,
         _reduce_surfaces(measurements.surfaces, keyframes),
@@ -181,11 +180,6 @@ def _reduce_patches(patches: WallPatches, keyframes: Keyframes) -> WallPatches:
         normals_cam=np.einsum("kij,kj->ki", move[frame, :3, :3], patches.normals_cam),
         ends_cam=ends.reshape(-1, 2, 3),
     )
-
-
-def _reduce_odometry(odometry: Odometry, keyframes: Keyframes) -> Odometry:
-    key = keyframes.frame_idx
-    return odometry.between(key, keyframes.first_from_keys)
 
 
 def _move(

@@ -68,7 +68,6 @@ def refit_scale(
     floorplan: Floorplan,
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     options: AdjustOptions,
-    extra_terms: Sequence[Term] = (),
 ) -> ScaleRefit:
     """Factor on the scale of a plan at which the walls strain everything else least.
 
@@ -77,7 +76,6 @@ def refit_scale(
         floorplan: in metres, at the scale that the alignment found.
         plan_from_cams: poses aligned with it, loops closed.
         options: of the adjustment.
-        extra_terms: of the adjustment.
     """
     cost_at: dict[int, float] = {}
     # Costs at several scales compare where all start alike and walls stand as drawn.
@@ -87,10 +85,8 @@ def refit_scale(
         if step not in cost_at:
             factor = float(np.exp(step * STEP))
             poses = about_middle(plan_from_cams, factor)
-            adjusted = adjust_to_plan(
-                measurements, floorplan.scaled(factor), poses, quick, extra_terms
-            )
-            cost_at[step] = _cost(measurements, adjusted, options, extra_terms)
+            adjusted = adjust_to_plan(measurements, floorplan.scaled(factor), poses, quick)
+            cost_at[step] = _cost(measurements, adjusted, options)
         return cost_at[step]
 
     centre = 0
@@ -134,15 +130,10 @@ def about_middle(
     return moved
 
 
-def _cost(
-    measurements: Measurements,
-    adjusted: PlanAdjustment,
-    options: AdjustOptions,
-    extra_terms: Sequence[Term],
-) -> float:
+def _cost(measurements: Measurements, adjusted: PlanAdjustment, options: AdjustOptions) -> float:
     """Robust cost of all terms after an adjustment; a patch without face costs like the mean one."""
     poses = adjusted.solution.target_from_cams
-    found = costs(measurements, poses, options, adjusted.correspondences, extra_terms)
+    found = costs(measurements, poses, options, adjusted.correspondences)
     n_found = adjusted.association.n_associated
     n_lost = len(measurements.structure.walls) - n_found
     return sum(found.values()) + found.get("walls", 0.0) / max(n_found, 1) * n_lost

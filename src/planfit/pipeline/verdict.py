@@ -7,10 +7,8 @@ poses.
 The thresholds were chosen on ConSLAM and synthetic scans spoiled in known ways, with even seeds.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from itertools import groupby
 
 import numpy as np
 from jaxtyping import Float
@@ -18,6 +16,7 @@ from jaxtyping import Float
 from planfit.alignment import other_scale_finding
 from planfit.findings import Finding, PlanKind, ResultKind
 from planfit.pipeline.evidence import CONTRADICTED_M, Evidence
+from planfit.pipeline.on_plan import frame_runs
 from planfit.runtime import short_repr
 
 MIN_VISITS_ALONE = 3
@@ -288,8 +287,8 @@ def _of_unsure_places(evidence: Evidence, tolerance_m: float) -> list[Finding]:
         facts |= {"tolerance_m": tolerance_m}
         return [Finding(ResultKind.ALL_MAY_BE_OFF, facts, _all_frames(evidence))]
     found = []
-    for run in _runs(is_unsure):
-        stretches = [evidence.stretches[k] for k in run]
+    for run in frame_runs(np.array(is_unsure)):
+        stretches = evidence.stretches[run[0] : run[1] + 1]
         frames = stretches[0].frames[0], stretches[-1].frames[1]
         worst = max(stretches, key=lambda s: s.predicted_m)
         facts = {"predicted_m": worst.predicted_m, "direction": worst.open_direction}
@@ -340,9 +339,3 @@ def _of_strained_terms(evidence: Evidence) -> list[Finding]:
         for name, (before, after) in evidence.scan_costs.items()
         if after > _MAX_STRAIN * before
     ]
-
-
-def _runs(holds: Sequence[bool]) -> list[list[int]]:
-    """Runs of neighbours for which something holds."""
-    groups = groupby(range(len(holds)), key=lambda k: holds[k])
-    return [list(run) for held, run in groups if held]
