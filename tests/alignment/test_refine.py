@@ -32,7 +32,7 @@ def samples():
 def refined(walls, plan, yaw, translation, n_scales=0, scale=1.0):
     start = AlignmentHypothesis(yaw, np.array(translation, dtype=float), 0.0, (scale, scale))
     steps = RefineSteps(n_scales=n_scales)
-    return refine_hypothesis(walls, np.ones(len(walls.xy)), plan, start, steps)
+    return refine_hypothesis(walls, plan, start, steps)
 
 
 def test_a_near_start_ends_at_the_truth(samples):
@@ -89,10 +89,9 @@ def test_occluded_wall_counts_less(samples):
         normals=np.concatenate([room.normals, [[-1.0, 0.0]]]),
         is_oriented=np.ones(5, dtype=bool),
     )
-    weights = np.ones(len(walls.xy))
     hypothesis = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
-    free, crossed_free = explained(walls, weights, room, hypothesis)
-    barred, crossed = explained(walls, weights, plan, hypothesis)
+    free, crossed_free = explained(walls, room, hypothesis)
+    barred, crossed = explained(walls, plan, hypothesis)
     assert (free, crossed_free) == (pytest.approx(1.0), 0.0)
     assert 0.2 < crossed < 0.6
     assert barred == pytest.approx(1.0 - (1.0 - OCCLUDED_WEIGHT) * crossed)
@@ -119,7 +118,6 @@ def test_occlusion_against_one_at_a_time(rng):
 def test_leaving_out_segments_shows_a_deformation(samples):
     straight = jackknife_covariance(
         samples,
-        np.ones(len(samples.xy)),
         room_plan(),
         AlignmentHypothesis(0.0, np.zeros(2), 0.0),
         RefineSteps(),
@@ -128,7 +126,6 @@ def test_leaving_out_segments_shows_a_deformation(samples):
     xy[: len(xy) // 3] += [0.0, 0.25]
     deformed = jackknife_covariance(
         replace(samples, xy=xy),
-        np.ones(len(xy)),
         room_plan(),
         AlignmentHypothesis(0.0, np.zeros(2), 0.0),
         RefineSteps(),
@@ -142,7 +139,6 @@ def test_segment_scores_point_at_the_segment_that_does_not_fit(samples):
     xy[-len(xy) // 5 :] += 50.0
     scores = segment_scores(
         replace(samples, xy=xy),
-        np.ones(len(xy)),
         room_plan(),
         AlignmentHypothesis(0.0, np.zeros(2), 0.0),
     )
@@ -155,7 +151,7 @@ def test_thinning_keeps_the_order_and_tempers_what_was_seen_often(samples):
         np.concatenate([samples.xy[5:], often.xy]),
         np.concatenate([samples.normals[5:], often.normals]),
     )
-    thinned, weights = thin(both, 1000)
+    thinned = thin(both, 1000)
     assert_array_equal(thinned.xy[:-1], samples.xy[5:])
-    assert weights[-1] == pytest.approx(10.0)
-    assert len(thin(both, 50)[0].xy) <= 50
+    assert thinned.worth[-1] == pytest.approx(10.0)
+    assert len(thin(both, 50).xy) <= 50

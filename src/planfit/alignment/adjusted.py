@@ -84,9 +84,9 @@ def judge_adjusted(
         alignment: that the adjustment began with.
         options: whether a person chose the alignment.
     """
-    samples, weights = thin(walls, FULL_SAMPLES)
+    samples = thin(walls, FULL_SAMPLES)
     here = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
-    score, seen_through = explained(samples, weights, floorplan, here)
+    score, seen_through = explained(samples, floorplan, here)
     # Surveyed points are sure of their place until walls clearly put the scan beside it.
     is_doubted = alignment.is_surveyed and not alignment.is_sure
     within = SameWithin.surveyed() if is_doubted else SameWithin.distinct()
@@ -95,7 +95,7 @@ def judge_adjusted(
         start = _relative(candidate, alignment)
         if is_same([start], here, samples, within)[0]:
             continue
-        other = refine_hypothesis(samples, weights, floorplan, start, RefineSteps())
+        other = refine_hypothesis(samples, floorplan, start, RefineSteps())
         if not is_same([other], here, samples, within)[0]:
             others.append(other.score)
     judged = AdjustedAlignment(

@@ -255,18 +255,17 @@ def _with_nonrigid(
     selection: Selection, walls: WallSamples, floorplan: Floorplan, n_scales: int
 ) -> Selection:
     """The selection with the taken hypothesis refined non-rigidly, and judged by segments of the walk."""
-    samples, weights = thin(walls, FULL_SAMPLES)
-    rigid = selection.taken
-    nonrigid = refine_nonrigid(samples, weights, floorplan, rigid, n_scales)
+    samples, rigid = thin(walls, FULL_SAMPLES), selection.taken
+    nonrigid = refine_nonrigid(samples, floorplan, rigid, n_scales)
     taken = replace(
         rigid, yaw=nonrigid.yaw, translation=nonrigid.translation, scale_xy=nonrigid.scale_xy
     )
-    score, occluded_share = explained(samples, weights, floorplan, taken)
+    score, occluded_share = explained(samples, floorplan, taken)
     taken = replace(taken, score=score, occluded_share=occluded_share)
     taken = with_way(walls, floorplan, taken)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales)
-    covariance = jackknife_covariance(samples, weights, floorplan, rigid, steps)
-    scores = segment_scores(samples, weights, floorplan, taken)
+    covariance = jackknife_covariance(samples, floorplan, rigid, steps)
+    scores = segment_scores(samples, floorplan, taken)
     agreement = SegmentAgreement(covariance, scores, nonrigid.deformation_m, walls.extent_m)
     return with_segments(selection, taken, agreement)
 
@@ -351,18 +350,18 @@ def _refined(
     options: AlignOptions,
 ) -> list[AlignmentHypothesis]:
     """Refined hypotheses, best first; the given starts are refined beside those found."""
-    coarse, _ = thin(walls, COARSE_SAMPLES)
+    coarse = thin(walls, COARSE_SAMPLES)
     found = [*search_hypotheses(coarse, floorplan, scales, yaws, regions), *starts]
     n_scales = _n_scales(floorplan, scales, options)
     # The first look holds a scale common to both axes: few samples do not tell two.
     quick = RefineSteps((1.5, 1.0, 0.7, 0.5), min(n_scales, 1))
     full = RefineSteps(FULL_DISTANCES_M, n_scales)
-    samples, weights = thin(walls, QUICK_SAMPLES)
-    refined = [refine_hypothesis(samples, weights, floorplan, each, quick) for each in found]
+    samples = thin(walls, QUICK_SAMPLES)
+    refined = [refine_hypothesis(samples, floorplan, each, quick) for each in found]
     refined = [each for each in refined if _is_allowed(each, scales, regions)] or refined[-1:]
-    samples, weights = thin(walls, FULL_SAMPLES)
+    samples = thin(walls, FULL_SAMPLES)
     best = keep_distinct(_best_first(refined), samples, RUN_TOGETHER, FULL_HYPOTHESES)
-    found = [refine_hypothesis(samples, weights, floorplan, each, full) for each in best]
+    found = [refine_hypothesis(samples, floorplan, each, full) for each in best]
     return _best_first([with_way(walls, floorplan, each) for each in found])
 
 

@@ -84,7 +84,7 @@ def plan_evidence(
     walked = walked_through_share(walls, floorplan, hypothesis)
     ends, normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
     rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
-    walls, _ = thin(walls, MAX_SAMPLES)
+    walls = thin(walls, MAX_SAMPLES)
     xy = walls.xy @ rotation.T + translation
     free_xy = free_space(walls, CELL_M) @ rotation.T + translation
     samples, face = segments.sample(ends, CELL_M)

@@ -51,7 +51,6 @@ class _Deformed:
 
 def refine_nonrigid(
     walls: WallSamples,
-    weights: Float[np.ndarray, " m"],
     floorplan: Floorplan,
     hypothesis: AlignmentHypothesis,
     n_scales: int,
@@ -60,13 +59,12 @@ def refine_nonrigid(
 
     Args:
         walls: samples in the order they were seen, level frame.
-        weights: how much each sample counts.
         floorplan: in its own unit.
         hypothesis: an alignment nearby.
         n_scales: 0: the scale is known; 1: one; 2: one along each axis of the plan.
     """
     yaw, scale = hypothesis.yaw, np.array(hypothesis.scale_xy)
-    centre = weights @ walls.xy / weights.sum()
+    weights, centre = walls.worth, walls.middle
     middle = rotation_2d(yaw) @ centre + hypothesis.translation
     shares, stiffness = _knot_shares(len(walls.xy)), _stiffness()
     knots = np.zeros((N_KNOTS, 3))  # yaw (rad), translation (2,) m of each knot

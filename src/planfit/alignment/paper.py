@@ -70,10 +70,10 @@ def align_paper(
     tried = [_try_yaw(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
     tried.sort(key=lambda each: each.distance_m)
     findings = _broken_assumptions(tried, boundary, floorplan, share)
-    samples, weights = thin(walls, 2500)
+    samples = thin(walls, 2500)
     hypotheses = []
     for each in tried:
-        score, occluded_share = explained(samples, weights, floorplan, each.hypothesis)
+        score, occluded_share = explained(samples, floorplan, each.hypothesis)
         hypotheses.append(replace(each.hypothesis, score=score, occluded_share=occluded_share))
     best = hypotheses[0]
     if best.score < MIN_SCORE:

@@ -174,11 +174,11 @@ def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Align
 
     Rooms that are drawn up to the centre lines of their walls look like rooms of a plan that is too large.
     """
-    samples, weights = thin(walls, FULL_SAMPLES)
+    samples = thin(walls, FULL_SAMPLES)
     start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
     steps = RefineSteps(FULL_DISTANCES_M)
     return max(
-        refine_hypothesis(samples, weights, with_thickness(floorplan, half_m), start, steps).score
+        refine_hypothesis(samples, with_thickness(floorplan, half_m), start, steps).score
         for half_m in HALF_THICKNESS_M
     )
 
@@ -190,7 +190,7 @@ def is_of_lines(floorplan: Floorplan) -> bool:
 
 def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:
     """The scale that the walls prefer near the alignment as drawn."""
-    samples, weights = thin(walls, FULL_SAMPLES)
+    samples = thin(walls, FULL_SAMPLES)
     start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales=1)
-    return refine_hypothesis(samples, weights, floorplan, start, steps).metres_per_unit
+    return refine_hypothesis(samples, floorplan, start, steps).metres_per_unit

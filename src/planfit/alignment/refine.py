@@ -78,7 +78,6 @@ class RefineSteps:
 
 def refine_hypothesis(
     walls: WallSamples,
-    weights: Float[np.ndarray, " m"],
     floorplan: Floorplan,
     start: AlignmentHypothesis,
     steps: RefineSteps | None = None,
@@ -87,14 +86,13 @@ def refine_hypothesis(
 
     Args:
         walls: samples, level frame.
-        weights: how much each sample counts.
         floorplan: in its own unit.
         start: where to begin; its score is not read.
         steps: see there.
     """
     steps = steps or RefineSteps()
     yaw, scale = start.yaw, np.array(start.scale_xy)
-    centre = weights @ walls.xy / weights.sum()
+    centre = walls.middle
     middle = rotation_2d(yaw) @ centre + start.translation
     hessian, mad_sigma_m = np.zeros((5, 5)), 0.0
     for max_distance_m in steps.distances_m:
@@ -114,7 +112,7 @@ def refine_hypothesis(
             break
         normal, residual = face_normals[face[ok]], distance[ok]
         jacobian = _jacobian(lever[ok], normal, residual) @ free_columns(steps.n_scales)
-        weight = weights[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
+        weight = walls.worth[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
         hessian = jacobian.T @ (jacobian * weight[:, None])
         damping = 1e-6 * weight.sum() * np.eye(len(hessian))
         step = np.linalg.solve(hessian + damping, -jacobian.T @ (weight * residual))
@@ -127,8 +125,8 @@ def refine_hypothesis(
         middle = factor * middle + step[1:3]
     translation = middle - rotation_2d(yaw) @ centre
     found = AlignmentHypothesis(yaw, translation, 0.0, (float(scale[0]), float(scale[1])))
-    score, occluded_share = explained(walls, weights, floorplan, found)
-    covariance = _covariance(hessian, mad_sigma_m, weights, walls.xy)
+    score, occluded_share = explained(walls, floorplan, found)
+    covariance = _covariance(hessian, mad_sigma_m, walls)
     return replace(found, score=score, occluded_share=occluded_share, covariance=covariance)
 
 
@@ -149,7 +147,6 @@ def _jacobian(
 
 def jackknife_covariance(
     walls: WallSamples,
-    weights: Float[np.ndarray, " m"],
     floorplan: Floorplan,
     hypothesis: AlignmentHypothesis,
     steps: RefineSteps,
@@ -160,32 +157,25 @@ def jackknife_covariance(
     walk. Leaving out one of `N_SEGMENTS` trajectory segments at a time shows both (delete-a-group jackknife:
     Shao and Wu 1989).
     """
-    segment = _segments(len(walls.xy))
-    middle = weights @ walls.xy / weights.sum()
-    found = []
+    segment, found = _segments(len(walls.xy)), []
     for k in range(N_SEGMENTS):
         kept = np.flatnonzero(segment != k)
         if len(kept) < 3:
             return np.zeros((4, 4))
-        found.append(
-            refine_hypothesis(walls.picked(kept), weights[kept], floorplan, hypothesis, steps)
-        )
-    apart = differences(found, hypothesis, middle)
+        found.append(refine_hypothesis(walls.picked(kept), floorplan, hypothesis, steps))
+    apart = differences(found, hypothesis, walls.middle)
     apart[:, 1:3] *= hypothesis.scale_xy
     apart -= apart.mean(axis=0)
     return (N_SEGMENTS - 1) / N_SEGMENTS * apart.T @ apart
 
 
 def segment_scores(
-    walls: WallSamples,
-    weights: Float[np.ndarray, " m"],
-    floorplan: Floorplan,
-    hypothesis: AlignmentHypothesis,
+    walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
 ) -> Float[np.ndarray, " segments"]:
     """Score of each trajectory segment by itself; segments without walls are left out."""
     segment = _segments(len(walls.xy))
     scores = [
-        explained(walls.picked(kept), weights[kept], floorplan, hypothesis)[0]
+        explained(walls.picked(kept), floorplan, hypothesis)[0]
         for kept in (np.flatnonzero(segment == k) for k in range(N_SEGMENTS))
         if len(kept)
     ]
@@ -224,14 +214,11 @@ def differences(
 
 
 def explained(
-    walls: WallSamples,
-    weights: Float[np.ndarray, " m"],
-    floorplan: Floorplan,
-    hypothesis: AlignmentHypothesis,
+    walls: WallSamples, floorplan: Floorplan, hypothesis: AlignmentHypothesis
 ) -> tuple[float, float]:
     """Score of an alignment, and the share of samples occluded by a face; see `AlignmentHypothesis`."""
     near, occluded = closeness(walls, floorplan, hypothesis)
-    total = weights.sum()
+    weights, total = walls.worth, walls.worth.sum()
     return float(weights @ near / total), float(weights @ occluded / total)
 
 
@@ -303,18 +290,15 @@ def free_columns(n_scales: int) -> Float[np.ndarray, "5 free"]:
 
 
 def _covariance(
-    hessian: Float[np.ndarray, "k k"],
-    mad_sigma_m: float,
-    weights: Float[np.ndarray, " m"],
-    xy: Float[np.ndarray, "m 2"],
+    hessian: Float[np.ndarray, "k k"], mad_sigma_m: float, walls: WallSamples
 ) -> Float[np.ndarray, "4 4"]:
     """Of yaw, x, y and log scale (of x where there are two); zero where nothing was solved."""
     covariance = np.zeros((4, 4))
     n = min(len(hessian), 4)
-    if len(weights) == 0 or not hessian.any():
+    if len(walls.xy) == 0 or not hessian.any():
         return covariance
-    cells = np.unique(np.round(xy / OBSERVATION_M).astype(int), axis=0)
-    per_observation = hessian[:n, :n] * (len(cells) / weights.sum())
+    cells = np.unique(np.round(walls.xy / OBSERVATION_M).astype(int), axis=0)
+    per_observation = hessian[:n, :n] * (len(cells) / walls.worth.sum())
     sigma_m = max(mad_sigma_m, 0.01)
     # What no wall holds gets a large sigma, not none.
     per_observation = per_observation + 1e-4 * np.eye(n)

@@ -19,8 +19,20 @@ class WallSamples:
     """Unit, towards where each was seen from."""
     seen_from: Float[np.ndarray, "m 2"] | None = None
     """Metres, the camera; None where it is not known."""
+    weights: Float[np.ndarray, " m"] | None = None
+    """How much each counts; None: all alike."""
 
     __repr__ = short_repr
+
+    @property
+    def worth(self) -> Float[np.ndarray, " m"]:
+        """How much each counts."""
+        return np.ones(len(self.xy)) if self.weights is None else self.weights
+
+    @property
+    def middle(self) -> Float[np.ndarray, " 2"]:
+        """Weighted mean, metres."""
+        return self.worth @ self.xy / self.worth.sum()
 
     @property
     def extent_m(self) -> float:
@@ -32,12 +44,13 @@ class WallSamples:
         """Left and right swapped: x becomes -x."""
         flip = np.array([-1.0, 1.0])
         eyes = None if self.seen_from is None else self.seen_from * flip
-        return WallSamples(self.xy * flip, self.normals * flip, eyes)
+        return replace(self, xy=self.xy * flip, normals=self.normals * flip, seen_from=eyes)
 
     def picked(self, idx: Int[np.ndarray, " k"]) -> "WallSamples":
         """Some of the samples."""
         eyes = None if self.seen_from is None else self.seen_from[idx]
-        return replace(self, xy=self.xy[idx], normals=self.normals[idx], seen_from=eyes)
+        own = None if self.weights is None else self.weights[idx]
+        return WallSamples(self.xy[idx], self.normals[idx], eyes, own)
 
 
 def sample_walls(
@@ -58,8 +71,8 @@ def sample_walls(
     return WallSamples(xy, normals[patch], None if seen_from is None else seen_from[patch])
 
 
-def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, Float[np.ndarray, " k"]]:
-    """At most about `max_samples`, evenly over the wall, and how much each counts.
+def thin(walls: WallSamples, max_samples: int) -> WallSamples:
+    """At most about `max_samples`, evenly over the wall, each with how much it counts.
 
     Walls that a slow camera saw fifty times would outvote those that it passed once: samples are
     gathered in cells by location and direction, and a cell counts the square root of its samples. The order
@@ -74,5 +87,5 @@ def thin(walls: WallSamples, max_samples: int) -> tuple[WallSamples, Float[np.nd
         if len(first) <= max_samples:
             # np.unique sorts by cell; the index of each cell's first sample gives the order in time back.
             in_time = np.argsort(first)
-            return walls.picked(first[in_time]), np.sqrt(counts[in_time])
+            return replace(walls.picked(first[in_time]), weights=np.sqrt(counts[in_time]))
         cell_m *= max(1.1, len(first) / max_samples)

@@ -8,7 +8,6 @@ are told apart by rooms of several sizes, and by what is seen of a wall from bot
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.alignment.align import FULL_DISTANCES_M, FULL_SAMPLES, Alignment, HalfThickness
 from planfit.alignment.evidence import MIN_ON_LINES, median_with_sigma
@@ -77,12 +76,12 @@ def _thickest_at(
         drawn_m = 0.5 * float(np.median(metric.thickness[stroke]))
     elif metric.is_oriented.all():
         return None
-    samples, weights = thin(walls, FULL_SAMPLES)
-    tried = _Tried(samples, weights, metric, replace(place, scale_xy=(1.0, 1.0)), n_scales=1)
+    samples = thin(walls, FULL_SAMPLES)
+    tried = _Tried(samples, metric, replace(place, scale_xy=(1.0, 1.0)), n_scales=1)
     best = tried.best()
     if floorplan.is_metric:
         # A plan in metres has its scale, unless another explains clearly more with walls of any thickness.
-        held = _Tried(samples, weights, floorplan, _as_drawn(place, samples, weights), n_scales=0)
+        held = _Tried(samples, floorplan, _as_drawn(place, samples), n_scales=0)
         of_held = held.best()
         scale = 1.0 if best is None else best.metres_per_unit * place.metres_per_unit
         least = -np.inf if best is None else best.score - SAME_SCORE
@@ -98,11 +97,9 @@ def _thickest_at(
     )
 
 
-def _as_drawn(
-    place: AlignmentHypothesis, walls: WallSamples, weights: Float[np.ndarray, " m"]
-) -> AlignmentHypothesis:
+def _as_drawn(place: AlignmentHypothesis, walls: WallSamples) -> AlignmentHypothesis:
     """The place with the plan in metres as it is drawn, the scan's middle at its spot of the drawing."""
-    middle = rotation_2d(place.yaw) @ (weights @ walls.xy / weights.sum()) + place.translation
+    middle = rotation_2d(place.yaw) @ walls.middle + place.translation
     moved = (1.0 / np.array(place.scale_xy) - 1.0) * middle
     return replace(place, translation=place.translation + moved, scale_xy=(1.0, 1.0))
 
@@ -119,7 +116,6 @@ class _Tried:
     """One place on one plan, at which walls of several thicknesses are tried."""
 
     samples: WallSamples
-    weights: Float[np.ndarray, " m"]
     metric: Floorplan
     here: AlignmentHypothesis
     n_scales: int
@@ -131,9 +127,7 @@ class _Tried:
 
     def score_as_drawn(self) -> float:
         """Without any thickness."""
-        return refine_hypothesis(
-            self.samples, self.weights, self.metric, self.here, self.steps
-        ).score
+        return refine_hypothesis(self.samples, self.metric, self.here, self.steps).score
 
     def best(self) -> HalfThickness | None:
         """The thickness that explains most, from several to begin with; `drawn_m` is not set."""
@@ -145,7 +139,7 @@ class _Tried:
         here, sigma_m = self.here, np.inf
         for _ in range(MAX_ROUNDS):
             thick = with_thickness(self.metric, half_m, THINNEST_M)
-            here = refine_hypothesis(self.samples, self.weights, thick, here, self.steps)
+            here = refine_hypothesis(self.samples, thick, here, self.steps)
             scale = here.metres_per_unit
             at_scale = replace(here, scale_xy=(1.0, 1.0))
             off = offset_from_faces(self.samples, thick.scaled(scale), at_scale)

@@ -336,7 +336,7 @@ def _with_own_score(on_plan: ScanOnPlan, held: HeldScan) -> ScanOnPlan:
         return on_plan
     walls = wall_samples(held.prepared.measurements.structure, held.prepared.level_from_keys)
     here = AlignmentHypothesis.from_transform(on_plan.plan_from_level)
-    score, _ = explained(*thin(walls, FULL_SAMPLES), plan.used(), here)
+    score, _ = explained(thin(walls, FULL_SAMPLES), plan.used(), here)
     return replace(on_plan, alignment=replace(found, score=score))
 
 
