@@ -270,6 +270,21 @@ def test_surfaces_alone_make_no_long_step_of_a_usual_one(rng, n_inliers, n_found
     assert len(tracking.breaks) == n_found
 
 
+@pytest.mark.parametrize(
+    ("pairs", "n_found"), [(((30, 32), (30, 33)), 0), (((30, 32), (29, 33)), 1)]
+)
+def test_surfaces_seen_from_one_frame_do_not_confirm_each_other(rng, pairs, n_found):
+    """What looks alike from a frame puts all its neighbours beside themselves by the same way."""
+    motions = measure(straight(), rng, neighbours=4, n_inliers=20)
+    is_over = (motions.pairs[:, 0] <= 30) & (motions.pairs[:, 1] > 30)
+    is_kept = (motions.pairs[:, None] == np.array(pairs)).all(axis=2).any(axis=1)
+    motions = motions[~is_over | is_kept]
+    motions.a_from_b[np.isin(motions.pairs[:, 1], (32, 33)) & (motions.pairs[:, 0] < 31), 1, 3] += (
+        0.5
+    )
+    assert len(judged(straight(), motions).breaks) == n_found
+
+
 def straight(n=60, step_m=0.5):
     """Poses of a walk along x, looking ahead all the way."""
     way = np.column_stack([step_m * np.arange(n), np.zeros((n, 2))])

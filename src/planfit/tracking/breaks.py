@@ -71,8 +71,8 @@ class Votes:
     """Of its rotation, and of where it puts `pivot`, world axes."""
     pivot: Float[np.ndarray, "3"]
     n_inliers: Int[np.ndarray, " k"]
-    other_idx: Int[np.ndarray, " k"]
-    """The frame at the other end."""
+    ends: Int[np.ndarray, "k 2"]
+    """The frame at the end that stays, and the one among the displaced."""
 
     def apart(self, displaced: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "k 6"]:
         """Tangents from a displacement to the votes: rotation, and way of the pivot."""
@@ -211,7 +211,7 @@ def votes_on(
     jacobian[:, :3, :3] = jacobian[:, 3:, 3:] = axes
     jacobian[:, 3:, :3] = -se3.skew(arm) @ axes
     moved = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
-    return Votes(displaced, moved, pivot, motions.n_inliers, out)
+    return Votes(displaced, moved, pivot, motions.n_inliers, np.column_stack([out, within]))
 
 
 def _of_inverse(a_from_b: np.ndarray, covariance: np.ndarray) -> np.ndarray:
@@ -255,7 +255,7 @@ def _agreed(votes: Votes, run: tuple[int, int], contradicts: np.ndarray) -> Disp
     at = votes.cost(displaced)
     gain = float((votes.cost(np.eye(4)) - at).sum())
     supports = (at < MAX_SIGMAS**2) & contradicts
-    if gain < MAX_SIGMAS**2 or not _is_confirmed(votes.n_inliers[supports]):
+    if gain < MAX_SIGMAS**2 or not _is_confirmed(votes.n_inliers[supports], votes.ends[supports]):
         return None
     if not is_large(displaced, votes.pivot):
         return None
@@ -292,9 +292,14 @@ def isotropic(covariance: Float[np.ndarray, "6 6"]) -> tuple[float, float]:
     return float(np.sqrt(np.trace(rotation) / 3)), float(np.sqrt(np.trace(translation) / 3))
 
 
-def _is_confirmed(n_inliers: np.ndarray) -> bool:
-    """Whether two motions agree, or one of many matches says so."""
-    return len(n_inliers) >= 2 or bool((n_inliers >= MIN_MATCHES_ALONE).any())
+def _is_confirmed(n_inliers: Int[np.ndarray, " k"], ends: Int[np.ndarray, "k 2"]) -> bool:
+    """Whether two motions without a common frame agree, or one of many matches says so.
+
+    What looks alike from a frame does so beside each of its neighbours: seen from one frame, two surfaces of
+    an office put a walk half a metre beside itself.
+    """
+    apart = (ends[:, None] != ends).all(axis=2)
+    return bool(apart.any() or (n_inliers >= MIN_MATCHES_ALONE).any())
 
 
 def is_large(displaced: Float[np.ndarray, "4 4"], pivot: Float[np.ndarray, "3"]) -> bool:
@@ -315,7 +320,7 @@ def _is_seen_from_both_sides(votes: Votes, found: Displacement, contradicts: np.
     Where only one side does, the tracker may as well have jumped and stayed: the simpler hypothesis.
     """
     supports = votes.cost(found.world_from_recorded) < MAX_SIGMAS**2
-    sides = votes.other_idx[supports & contradicts] < found.first
+    sides = votes.ends[supports & contradicts, 0] < found.first
     return bool(sides.any() and not sides.all())
 
 
