@@ -161,9 +161,9 @@ DOOR_PASSED_LEAST_M = Prior(
     "frame, handle and the leaf itself.",
 )
 DOOR_GAP_M = Prior(
-    1.0,
-    "Gap that a door leaves between two pieces of one wall: openings of 0.885 and 1.010 m (DIN 18100) are "
-    "usual.",
+    1.01,
+    "Widest gap that a usual door leaves between two pieces of one wall: openings of 0.885 and 1.010 m "
+    "(DIN 18100).",
 )
 DOOR_LEAF_THICKNESS_M = PriorRange(
     0.04,

@@ -7,9 +7,10 @@ import pytest
 
 from builders import look, make_matches, make_structure
 from planfit.adjust import AdjustOptions, Measurements
-from planfit.adjust.alternation import PlanTask
+from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import AssociationOptions, PatchesOnPlan
-from planfit.adjust.competition import best_of_starts
+from planfit.adjust.competition import best_of_starts, full_cost, limits
+from planfit.adjust.moved_walls import PRICE
 from planfit.adjust.shifts import other_places
 from planfit.floorplan import Floorplan
 from planfit.lsq.pose_terms import PosePriorTerm
@@ -110,8 +111,62 @@ def test_a_vote_counts_for_less_where_many_walls_were_moved():
 
 
 def test_few_patches_are_no_vote():
-    (shift,) = places([2.0, 6.0], [2.0, 6.0 + MOVED_M], 1, n_patches=2)
-    assert (shift.n_for, shift.n_against) == (0, 0)
+    assert not places([2.0, 6.0], [2.0, 6.0 + MOVED_M], 1, n_patches=2)
+
+
+def test_a_thin_thing_behind_a_pane_is_no_wall_as_drawn():
+    """Its front would come to lie on one face of the pane's wall, but its back not on the other."""
+
+    def placed(thickness_m):
+        lines = [[[0.0, y], [WIDTH_M, y]] for y in (2.0, 2.16, -3.0)]
+        floorplan = Floorplan.from_segments(lines, [[0.0, -1.0], [0.0, 1.0], [0.0, 1.0]])
+        poses = np.stack([look([3.0, y, 1.5], yaw) for y, yaw in ((0.0, 90.0), (5.0, -90.0))])
+        seen = [(0, 2.4, -1.0), (1, 2.4 + thickness_m, 1.0), (0, -3.0, 1.0)]
+        line = np.column_stack(
+            [np.linspace(1.0, 5.0, 200), np.zeros(200), np.linspace(0.3, 2.5, 200)]
+        )
+        patches = [
+            (frame, line + np.array([0.0, y, 0.0]), np.array([0.0, side]))
+            for frame, y, side in seen
+            for _ in range(4)
+        ]
+        structure = make_structure(poses, (), patches)
+        moved_m = np.array([-0.4, 0.24 + thickness_m, np.nan])
+        return other_places(on_plan(structure, floorplan, poses), moved_m)
+
+    (shift,) = placed(0.16)  # the wall itself, moved
+    assert (shift.n_for, shift.n_against) == (1, 1)
+    assert not placed(0.0)
+
+
+@pytest.mark.parametrize(("apart_m", "n_walls"), [(1.01, 1), (1.6, 2)])
+def test_a_moved_wall_has_one_price_however_doors_cut_it(apart_m, n_walls):
+    left, right = 3.0 - apart_m / 2, 3.0 + apart_m / 2
+    floorplan = Floorplan.from_segments(
+        [[[0.0, 2.0], [left, 2.0]], [[right, 2.0], [WIDTH_M, 2.0]], [[0.0, 6.0], [WIDTH_M, 6.0]]],
+        [[0.0, -1.0]] * 3,
+    )
+    poses = np.stack([look([3.0, 0.0, 1.5], 90.0)] * 4)
+    up = np.linspace(0.3, 2.5, 100)
+    patches = [
+        (k, np.column_stack([np.linspace(*x, 100), np.full(100, y), up]), np.array([0.0, -1.0]))
+        for k in range(4)
+        for x, y in (((0.5, left), 2.3), ((right, 5.5), 2.3), ((1.0, 5.0), 6.0))
+    ]
+    structure = make_structure(poses, (), patches)
+    measured = Measurements(
+        make_matches(poses, [], np.zeros((0, 3))),
+        structure,
+        make_odometry(poses, OdometryOptions()),
+    )
+    task = PlanTask(measured, floorplan, AdjustOptions(), np.full(len(poses), np.nan))
+    task = replace(task, moved_m=np.array([-0.3, -0.3, np.nan]))
+    end = alternate(task, poses, (0.35,))
+    lost = end.problem.correspondences.walls.face_idx < 0
+    explained = sum(cost.after for cost in end.solution.cost_by_term.values())
+    assert full_cost(task, end) - explained - limits(task)[lost].sum() == pytest.approx(
+        n_walls * PRICE
+    )
 
 
 def test_nothing_moved_is_nothing_elsewhere():

@@ -23,7 +23,7 @@ from planfit.adjust.alternation import (
     without_moved_walls,
 )
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.adjust.moved_walls import PRICE
+from planfit.adjust.moved_walls import PRICE, wall_numbers
 from planfit.adjust.problem import build_problem
 from planfit.adjust.shifts import Shift, other_places
 from planfit.adjust.terms.walls import observations_of
@@ -184,9 +184,10 @@ def full_cost(task: PlanTask, end: Alternation) -> float:
     held = end.problem.correspondences
     assert held is not None
     lost = held.walls.face_idx < 0
-    price = PRICE * len(held.moved_faces)
+    # Pieces of a wall between its doors, and its two sides, are moved by one cause.
+    n_walls = len(np.unique(wall_numbers(held.moved_faces, task.floorplan)))
     solved = sum(cost.after for cost in end.solution.cost_by_term.values())
-    return solved + float(limits(task)[lost].sum()) + price
+    return solved + float(limits(task)[lost].sum()) + PRICE * n_walls
 
 
 def _adjust(task: PlanTask, name: str, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:

@@ -8,6 +8,7 @@ are few.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -163,6 +164,15 @@ def is_one_wall(face: int, other: int, floorplan: Floorplan) -> bool:
     along = np.array([-normal[1], normal[0]])
     at = np.sort((ends[[face, other]] - ends[face, 0]) @ along, axis=1)
     return bool(at[:, 0].max() - at[:, 1].min() < MAX_GAP_M)
+
+
+def wall_numbers(faces: Int[np.ndarray, " k"], floorplan: Floorplan) -> Int[np.ndarray, " k"]:
+    """Number of the wall that each of some faces is of, from 0."""
+    wall = np.arange(len(faces))
+    for i, j in combinations(range(len(faces)), 2):
+        if wall[i] != wall[j] and is_one_wall(int(faces[i]), int(faces[j]), floorplan):
+            wall[wall == wall[j]] = wall[i]
+    return np.unique(wall, return_inverse=True)[1].reshape(-1)
 
 
 def _finding(wall: MovedWall, floorplan: Floorplan) -> Finding:

@@ -15,7 +15,13 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import betaln
 
 from planfit.adjust.association import PatchesOnPlan
-from planfit.adjust.moved_walls import MAX_OFFSET_M, MIN_PATCHES, WITHIN_M, is_one_wall
+from planfit.adjust.moved_walls import (
+    MAX_OFFSET_M,
+    MIN_OFFSET_M,
+    MIN_PATCHES,
+    WITHIN_M,
+    wall_numbers,
+)
 from planfit.adjust.voting import beside_faces
 from planfit.floorplan import Floorplan
 
@@ -59,8 +65,21 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     shifts = np.concatenate([np.zeros((1, 2)), tried])
     as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals)
     is_moved = np.isfinite(moved_m)
-    wall_of_face, faces = _walls(np.flatnonzero(as_drawn.any(axis=0) | is_moved), floorplan)
-    stand = np.stack([_any_face(row[faces], wall_of_face) for row in as_drawn])
+    faces = np.flatnonzero(as_drawn.any(axis=0) | is_moved)
+    wall_of_face = wall_numbers(faces, floorplan)
+    # A wall stands as drawn where a face of it does and none is seen elsewhere: one side of what stands
+    # behind a pane may come to lie on a face of it, but not both.
+    off_m = (
+        np.where(is_moved, moved_m, np.where(as_drawn[0], 0.0, np.nan))
+        + shifts @ floorplan.normals.T
+    )
+    is_off = np.abs(off_m) >= MIN_OFFSET_M
+    stand = np.stack(
+        [
+            _any_face(on[faces], wall_of_face) & ~_any_face(off[faces], wall_of_face)
+            for on, off in zip(as_drawn, is_off, strict=True)
+        ]
+    )
     # A wall that the shift runs along stands as drawn before and after: nothing of it is seen across.
     here = stand[0]
     n_moved = int((_any_face(is_moved[faces], wall_of_face) & ~here).sum())
@@ -68,6 +87,8 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     found = []
     for by_m, there in zip(tried, stand[1:], strict=True):
         n_for, n_against = int((there & ~here).sum()), int((here & ~there).sum())
+        if n_for == 0:
+            continue
         n_moved_there = max(n_moved + n_against - n_for, 0)
         odds = _log_odds(n_moved, n_moved_there, n_walls)
         found.append(Shift(by_m, n_for, n_against, odds))
@@ -120,17 +141,6 @@ def _as_drawn(
         is_on = is_nearest & (off_m < WITHIN_M)
         found[k] = np.bincount(face[is_on], minlength=len(normals)) >= MIN_PATCHES
     return found
-
-
-def _walls(
-    faces: Int[np.ndarray, " k"], floorplan: Floorplan
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
-    """Number of the wall that each of some faces is of, and those faces."""
-    wall = np.arange(len(faces))
-    for i, j in combinations(range(len(faces)), 2):
-        if wall[i] != wall[j] and is_one_wall(int(faces[i]), int(faces[j]), floorplan):
-            wall[wall == wall[j]] = wall[i]
-    return np.unique(wall, return_inverse=True)[1].reshape(-1), faces
 
 
 def _any_face(is_on: Bool[np.ndarray, " k"], wall: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " w"]:
