@@ -23,7 +23,6 @@ from planfit.adjust.moved_walls import (
     wall_numbers,
 )
 from planfit.adjust.voting import beside_faces
-from planfit.floorplan import Floorplan
 
 SAME_SHIFT_M = 0.1
 """Shifts that differ by less are one."""
@@ -69,17 +68,13 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     wall_of_face = wall_numbers(faces, floorplan)
     # A wall stands as drawn where a face of it does and none is seen elsewhere: one side of what stands
     # behind a pane may come to lie on a face of it, but not both.
-    off_m = (
-        np.where(is_moved, moved_m, np.where(as_drawn[0], 0.0, np.nan))
-        + shifts @ floorplan.normals.T
+    off_m = np.where(is_moved, moved_m, np.where(as_drawn[0], 0.0, np.nan))
+    is_off = np.abs(off_m + shifts @ floorplan.normals.T) >= MIN_OFFSET_M
+    on, off = (
+        np.stack([_any_face(row[faces], wall_of_face) for row in rows])
+        for rows in (as_drawn, is_off)
     )
-    is_off = np.abs(off_m) >= MIN_OFFSET_M
-    stand = np.stack(
-        [
-            _any_face(on[faces], wall_of_face) & ~_any_face(off[faces], wall_of_face)
-            for on, off in zip(as_drawn, is_off, strict=True)
-        ]
-    )
+    stand = on & ~off
     # A wall that the shift runs along stands as drawn before and after: nothing of it is seen across.
     here = stand[0]
     n_moved = int((_any_face(is_moved[faces], wall_of_face) & ~here).sum())
