@@ -2,13 +2,13 @@
 
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from planfit.batch.ledger import End, State
 from planfit.batch.memory import Expectation
-from planfit.batch.pool import Task, tell_nobody
+from planfit.batch.pool import Task
 from planfit.batch.process import MAX_TRIES, Errand, Launcher
 from planfit.errors import OptionError, OutputError
 
@@ -21,10 +21,7 @@ _WAIT_S = 120.0
 
 
 def run_on_cluster(
-    address: str,
-    launcher: Launcher,
-    tasks: Sequence[Task],
-    on_start: Callable[[Task, int], None] = tell_nobody,
+    address: str, launcher: Launcher, tasks: Sequence[Task]
 ) -> Iterator[tuple[Task, State]]:
     """Each task with how it ended, as they end. Leaving the loop stops those that go on.
 
@@ -35,7 +32,6 @@ def run_on_cluster(
         address: of the scheduler, `tcp://host:8786`.
         launcher: how a worker starts a job.
         tasks: the jobs.
-        on_start: told of each job that is handed to the scheduler.
 
     Raises:
         OptionError: there is no scheduler, or no worker.
@@ -55,7 +51,6 @@ def run_on_cluster(
         of_key: dict[str, Task] = {}
         for task in tasks:
             job = task.errand.job
-            on_start(task, 1)
             need = Expectation().of(task.scan, job.memory_gb, task.measured_bytes)
             future = client.submit(
                 run_in_process,

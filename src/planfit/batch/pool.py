@@ -29,10 +29,6 @@ class Task:
         return state.peak_bytes if state is not None and state.end is End.DONE else None
 
 
-def tell_nobody(task: Task, number: int) -> None:
-    """Listens to starts and does nothing."""
-
-
 @dataclass
 class _Try:
     task: Task
@@ -52,7 +48,7 @@ class LocalPool:
     """Processes at a time."""
     allowed_bytes: int | None
     """All of them together; None: nobody knows, and only their number counts."""
-    on_start: Callable[[Task, int], None] = tell_nobody
+    on_start: Callable[[Task, int], None] = lambda _task, _number: None
     """Told of each try, 1 or 2."""
     free: Callable[[], int | None] = free_bytes
     """Memory that can be had now."""

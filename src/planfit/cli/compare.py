@@ -18,6 +18,7 @@ from planfit.errors import OutputError, ScanError, require
 from planfit.evaluation import CompareOptions, Comparison, compare
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.export.cloud import place_cloud, sample_cloud
+from planfit.export.option_files import finite
 from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches
@@ -266,10 +267,10 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
                 "last_frame": local.stretch.last,
                 "max_m": local.stretch.max_distance_m,
                 "max_deg": local.stretch.max_angle_deg,
-                "matches_m": {"a": _finite(local.match_m[0]), "b": _finite(local.match_m[1])},
+                "matches_m": {"a": finite(local.match_m[0]), "b": finite(local.match_m[1])},
                 "wall_near_plan": {
-                    "a": _finite(local.near_share[0]),
-                    "b": _finite(local.near_share[1]),
+                    "a": finite(local.near_share[0]),
+                    "b": finite(local.near_share[1]),
                 },
             }
             for local in comparison.stretches
@@ -278,8 +279,8 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
             name: {
                 "meaning": metric.meaning.strip(),
                 "unit": metric.unit,
-                "a": _finite(metric.before),
-                "b": _finite(metric.after),
+                "a": finite(metric.before),
+                "b": finite(metric.after),
             }
             for name, metric in comparison.metrics.items()
         },
@@ -290,10 +291,6 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
         },
         "notes": [*pair.notes, *comparison.notes],
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _cloud(pair: _Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:

@@ -10,7 +10,6 @@ from planfit.scan.tables import has_part
 
 LOOK_AT = 200
 """So many things in a folder are looked at in search of a scan."""
-NAMED = FEW_NAMED
 ALIKE = (
     ("color", "rgb", "image", "images", "colour", "frames", "cam0"),
     ("depth", "depths", "depth_images", "aligned_depth"),
@@ -106,8 +105,8 @@ def no_scan_in_folder(
     begin = f"{source.path}: expected a scan, found"
     inside = _scans_inside(source, layouts, own)
     if inside:
-        named = ", ".join(f"{path} ({kind})" for path, kind in inside[:NAMED])
-        more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
+        named = ", ".join(f"{path} ({kind})" for path, kind in inside[:FEW_NAMED])
+        more = f" and {len(inside) - FEW_NAMED} more" if len(inside) > FEW_NAMED else ""
         which = "one of them" if len(inside) > 1 else "it"
         return ScanError(f"{begin} a folder that holds {named}{more}; give {which}")
     near = nearest(source, layouts)

@@ -164,13 +164,7 @@ def geometry_back_end(
         samples = [sample(i) for i in frames]
         tilt_sine = float(np.sin(np.deg2rad(MAX_TILT_DEG)))
         found = build_submap(samples, tilt_sine, _FREE_ABOVE_M, _MIN_WALL_RISE_M)
-        return {
-            "low_xy": found.low_xy,
-            "is_wall": found.is_wall,
-            "n_y": np.array(found.n_y),
-            "floor_m": np.array(found.floor_m),
-            "ceilings_m": found.ceilings_m,
-        }
+        return {name: np.asarray(value) for name, value in vars(found).items()}
 
     key = cache_key(
         scan.fingerprint, "submaps", scan.world_from_cams.tobytes(),
@@ -179,13 +173,7 @@ def geometry_back_end(
     items = runtime.map("what is seen over what", key, -(-n // size), one, chunk_size=1)
     floors = storey_heights(np.array([float(item["floor_m"]) for item in items]))
     submaps = [
-        Submap(
-            low_xy=item["low_xy"],
-            is_wall=item["is_wall"],
-            n_y=int(item["n_y"]),
-            floor_m=float(floor_m),
-            ceilings_m=item["ceilings_m"],
-        )
+        Submap(**{**item, "n_y": int(item["n_y"]), "floor_m": float(floor_m)})  # type: ignore[arg-type]
         for item, floor_m in zip(items, floors, strict=True)
     ]
     return _GeometryBackEnd(scan, upright_from_cams, submaps)
