@@ -7,6 +7,7 @@ import numpy as np
 
 from planfit.as_built.lines_of_sight import (
     BIN_M,
+    DEPTH_M,
     END_M,
     HEIGHTS_M,
     MIN_FRAMES,
@@ -16,7 +17,6 @@ from planfit.as_built.lines_of_sight import (
 from planfit.as_built.look_at_opening import look_at
 from planfit.as_built.new_walls import MAX_GAP_M
 from planfit.as_built.openings import AsBuiltOpening
-from planfit.as_built.standing import DEPTH_M
 from planfit.as_built.types import AsBuilt, AsBuiltWall
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan

@@ -8,8 +8,14 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight
-from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
+from planfit.as_built.lines_of_sight import (
+    DEPTH_M,
+    HEIGHTS_M,
+    LinesOfSight,
+    Piece,
+    are_walls,
+    top_of,
+)
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
 from planfit.priors import SURFACE_TILT_MOST_DEG

@@ -17,8 +17,15 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import AssociationOptions, associate, wall_patches_in_plan
 from planfit.adjust.moved_walls import MIN_SHARE, nearest_unexplained
-from planfit.as_built.lines_of_sight import END_M, MIN_FRAMES, LinesOfSight
-from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
+from planfit.as_built.lines_of_sight import (
+    DEPTH_M,
+    END_M,
+    MIN_FRAMES,
+    LinesOfSight,
+    Piece,
+    are_walls,
+    top_of,
+)
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.priors import WALL_AS_DRAWN_M, WALL_LENGTH_LEAST_M, WALL_MOVED_MOST_M, WALL_SPREAD_M

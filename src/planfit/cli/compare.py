@@ -24,8 +24,13 @@ from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches
 from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.observations import extract_observations
-from planfit.report.comparison_words import conclusion, local_in_words, whole_in_words
-from planfit.report.html.comparison_page import Compared, make_comparison
+from planfit.report.html.comparison_page import (
+    Compared,
+    conclusion,
+    local_in_words,
+    make_comparison,
+    whole_in_words,
+)
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime, made_folder, write_whole
