@@ -1,4 +1,4 @@
-"""Images within one file, as a `FileSource`: what containers and databases share."""
+"""Images within one file, as a `ImageSource`: what containers and databases share."""
 
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -31,19 +31,15 @@ class PackedSource(ABC):
         """
 
     def read(self, name: str) -> bytes:
-        """See `FileSource`."""
+        """See `ImageSource`."""
         return self.part(name, 0, self.n_bytes(name))
 
     def ends(self, name: str) -> tuple[bytes, bytes]:
-        """See `FileSource`; the rest of the image stays on the disk."""
+        """See `ImageSource`; the rest of the image stays on the disk."""
         length = self.n_bytes(name)
         tail = min(length, TAIL_BYTES)
         return self.part(name, 0, min(length, HEAD_BYTES)), self.part(name, length - tail, tail)
 
-    def locate(self, name: str) -> Path:
-        """See `FileSource`."""
-        return self.path / name
-
     def on_disk(self, name: str) -> Path:
-        """See `FileSource`; no image of these formats needs it."""
+        """See `ImageSource`; no image of these formats needs it."""
         raise ScanError(f"{self.path}: expected {name} as a file, found it in a {self.kind}")

@@ -30,8 +30,15 @@ from planfit.scan.formats.bag_poses import (
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
 from planfit.scan.lens_file import read_lens
-from planfit.scan.poses import join_times, write_tum
-from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, StoredImages
+from planfit.scan.poses import join_times
+from planfit.scan.recording import (
+    Frame,
+    LensOfFrame,
+    Recording,
+    Size,
+    StoredImages,
+    write_trajectory,
+)
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.timed_lists import image_lacked
 from planfit.scan.types import ScanOptions
@@ -156,14 +163,6 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         _size(depth_of_message(listing.first[topics.depth], topics.depth)),
     )
     color_lens, depth_lens = _lenses(listing.first, topics, sizes, options)
-
-    def write_poses(
-        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        write_tum(
-            directory / "trajectory.tum", np.array([frame.time for frame in written]), refined
-        )
-
     return Recording(
         format="bag",
         path=path,
@@ -184,7 +183,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         color_lens=color_lens,
         depth_lens=depth_lens,
         color_from_depth=color_from_depth,
-        write_poses=write_poses,
+        write_poses=write_trajectory,
         fingerprint=_fingerprint(path, options),
         skipped=[f"frame at {time:.6f} s: no pose" for time in times[~known]],
         warnings=[*warnings, *mount_warnings],

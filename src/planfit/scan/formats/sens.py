@@ -80,25 +80,15 @@ class SensSource(PackedSource):
         except OSError as error:
             raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
 
-    def names(self, folder: str = "") -> list[str]:
-        """See `FileSource`: numbers of the frames that have the image."""
-        if folder not in ("color", "depth"):
-            return []
-        return [str(i) for i, frame in enumerate(self.frames) if frame.n_bytes[folder]]
-
-    def folders(self) -> list[str]:
-        """See `FileSource`."""
-        return ["color", "depth"]
-
     def exists(self, name: str) -> bool:
-        """See `FileSource`."""
+        """See `ImageSource`."""
         folder, _, number = name.partition("/")
         if folder not in ("color", "depth") or not number.isdecimal():
             return False
         return int(number) < len(self.frames) and self.frames[int(number)].n_bytes[folder] > 0
 
     def stamp(self, name: str) -> str:
-        """See `FileSource`: that of the whole file."""
+        """See `ImageSource`: that of the whole file."""
         return f"{self._place(name)} {self._stamp}"
 
     def n_bytes(self, name: str) -> int:

@@ -18,14 +18,14 @@ from planfit.scan.images.decode import (
     read_exr,
 )
 from planfit.scan.recording import Frame, Size
-from planfit.scan.source import FileSource
+from planfit.scan.source import ImageSource
 
 
 @dataclass(frozen=True)
 class ImageFiles:
     """`StoredImages` where each image is a file, by the names that frames have."""
 
-    source: FileSource
+    source: ImageSource
     metres_per_unit: float
     """Of the stored depth."""
     min_confidence: int = 0
@@ -104,7 +104,7 @@ def drop_unsure(
     depth[confidence < least] = np.nan
 
 
-def whole_image_size(source: FileSource, name: str) -> Size:
+def whole_image_size(source: ImageSource, name: str) -> Size:
     """Size of an image file that begins and ends as images do.
 
     Raises:

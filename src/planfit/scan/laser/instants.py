@@ -37,7 +37,6 @@ class Instants:
     """s of the trajectory's clock: the mean of the points."""
     centres: Float[np.ndarray, "k 3"]
     """m, where the scanner was then."""
-    n_points: Int[np.ndarray, " k"]
     n_total: int
     """Points of the cloud."""
     n_without_pose: int
@@ -134,7 +133,6 @@ def _finished(file: CloudFile, trajectory: Trajectory, store: "_Store", tally: _
     return Instants(
         times=times,
         centres=centres,
-        n_points=tally.counts[kept],
         n_total=tally.n_total,
         n_without_pose=tally.n_total - tally.n_posed,
         _store=store.finished(kept, centres),
