@@ -77,7 +77,6 @@ def make_scene(
         after=sides[1],
         points=ScenePoints(points_cam, colors, start, distances),
         frames=_frames(scan, result, is_placed),
-        is_placed=is_placed,
         keyframe_idx=_drawn_cameras(result),
         walls=() if plan is None else scene_walls(plan, result, bounds, as_built),
         pictures=pictures,

@@ -115,8 +115,6 @@ class Scene:
     """plan_from_cams"""
     points: ScenePoints
     frames: tuple[SceneFrame, ...]
-    is_placed: Bool[np.ndarray, " n"]
-    """Whether anything says where a frame stands."""
     keyframe_idx: Int[np.ndarray, " k"]
     """Frames that are drawn as little cameras."""
     walls: tuple[SceneWall, ...]
