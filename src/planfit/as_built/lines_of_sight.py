@@ -142,9 +142,7 @@ def frames_through(
 
 
 def crossings(
-    sight: LinesOfSight,
-    ends: Float[np.ndarray, "2 2"],
-    storey: int | None,
+    sight: LinesOfSight, ends: Float[np.ndarray, "2 2"], storey: int | None
 ) -> tuple[Float[np.ndarray, " c"], Int[np.ndarray, " c"]]:
     """Where lines of sight pass a segment, m from its first end, and the frame of each."""
     along = segments.directions(ends[None])[0]

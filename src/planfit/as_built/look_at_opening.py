@@ -104,11 +104,7 @@ def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> AsBuiltOpenin
 
 
 def _set_back(
-    sign: float,
-    gap: Gap,
-    along: Float[np.ndarray, "2"],
-    placed: PlacedWalls,
-    sight: LinesOfSight,
+    sign: float, gap: Gap, along: Float[np.ndarray, "2"], placed: PlacedWalls, sight: LinesOfSight
 ) -> tuple[float, float]:
     """How far what is seen in an opening from one side stands behind the wall beside it, and its sigma; NaN
     where too few frames show both.

@@ -180,13 +180,7 @@ def place_walls(
     drawn = associate(patches, floorplan, plan_from_cams, AS_DRAWN_M, association, storeys)
     has_face = drawn.face_idx >= 0
     elsewhere, off_m = nearest_unexplained(
-        patches,
-        ~has_face,
-        floorplan,
-        plan_from_cams,
-        association,
-        MAX_OFFSET_M,
-        storeys,
+        patches, ~has_face, floorplan, plan_from_cams, association, MAX_OFFSET_M, storeys
     )
     normals, ends = wall_patches_in_plan(patches, plan_from_cams)
     of_points = np.concatenate([patches.point_frame_idx, structure.unassigned_frame_idx])
@@ -333,10 +327,7 @@ def _most_agreed(
     return np.flatnonzero(agree)
 
 
-def offset_sigma(
-    offset_m: Float[np.ndarray, " p"],
-    pose_sigma_m: float,
-) -> float:
+def offset_sigma(offset_m: Float[np.ndarray, " p"], pose_sigma_m: float) -> float:
     """Standard deviation of the median of some offsets, given that of what the poses add to it."""
     squares = np.sum((offset_m - offset_m.mean()) ** 2) + SCATTER_FRAMES * SCATTER_M**2
     scatter = squares / (len(offset_m) + SCATTER_FRAMES - 1.0)

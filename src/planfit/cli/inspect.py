@@ -51,12 +51,7 @@ def inspect_command(arguments: InspectArguments) -> int:
     if arguments.out is not None:
         title = f"{Path(scan.name).name}: {len(scan)} frames, {path.length_m:.1f} m of path"
         picture = draw_scan_view(
-            title,
-            scan.world_from_cams,
-            depth.points_world,
-            gravity.up_world,
-            path.gaps,
-            path.jumps,
+            title, scan.world_from_cams, depth.points_world, gravity.up_world, path.gaps, path.jumps
         )
         write_whole(arguments.out, picture)
         out.print(f"written: {arguments.out}", soft_wrap=True)

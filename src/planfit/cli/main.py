@@ -12,13 +12,7 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from planfit import __version__
-from planfit.cli.commands import (
-    COMMANDS_BY_NAME,
-    Command,
-    looks_like_flag,
-    overview,
-    show_help,
-)
+from planfit.cli.commands import COMMANDS_BY_NAME, Command, looks_like_flag, overview, show_help
 from planfit.cli.completion import completions
 from planfit.cli.speech import USUAL, Speech, speaking, split_speech
 from planfit.errors import OptionError, PlanfitError, did_you_mean

@@ -53,9 +53,7 @@ def opening_rows(as_built: AsBuilt) -> Iterator[list[Any]]:
         ]
 
 
-def opening_lines(
-    as_built: AsBuilt,
-) -> Iterator[tuple[Float[np.ndarray, "2 2"], dict[str, Any]]]:
+def opening_lines(as_built: AsBuilt) -> Iterator[tuple[Float[np.ndarray, "2 2"], dict[str, Any]]]:
     """Ends, m, plan frame, and properties of the lines of GeoJSON: where each is drawn, and, of those whose
     sides were seen, where it is."""
     for number, opening in enumerate(as_built.openings, start=1):

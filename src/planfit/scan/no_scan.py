@@ -21,10 +21,7 @@ _MESH = (
     "a model or a cloud without its frames",
     "give the frames that it was made from (depth and poses: the app's raw data or developer export)",
 )
-_POSES = (
-    "a list, of poses perhaps",
-    "give the scan, and poses beside it with --poses FILE",
-)
+_POSES = ("a list, of poses perhaps", "give the scan, and poses beside it with --poses FILE")
 _PLAN = (
     "what may be a plan",
     "give the scan first: 'planfit refine SCAN FILE -o OUT'; 'planfit plan FILE' shows what is read of it",
@@ -86,8 +83,7 @@ def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
     if kind:
         return ScanError(f"{begin} a file of a {kind} scan; give its folder, {owner.path}")
     what, step = FOREIGN.get(
-        path.suffix.lower(),
-        ("a file", "'planfit help scan-formats' lists what is read"),
+        path.suffix.lower(), ("a file", "'planfit help scan-formats' lists what is read")
     )
     return ScanError(f"{begin} {what}; {step}")
 

@@ -120,10 +120,7 @@ class _GeometryBackEnd:
     identity = "geometry"
 
     def __init__(
-        self,
-        scan: Scan,
-        upright_from_cams: Float[np.ndarray, "n 4 4"],
-        submaps: list[Submap],
+        self, scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], submaps: list[Submap]
     ) -> None:
         self._cameras = scan.cameras
         self._upright_from_cams = upright_from_cams
@@ -141,9 +138,7 @@ class _GeometryBackEnd:
 
 
 def geometry_back_end(
-    scan: Scan,
-    upright_from_cams: Float[np.ndarray, "n 4 4"],
-    runtime: Runtime,
+    scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], runtime: Runtime
 ) -> _GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
 
@@ -195,9 +190,7 @@ def _sample_frame(scan: Scan, upright_from_cams: np.ndarray, i: int) -> FrameSam
 
 
 def _label_by_geometry(
-    surfaces: Surfaces,
-    centre: Float[np.ndarray, "3"],
-    submap: Submap,
+    surfaces: Surfaces, centre: Float[np.ndarray, "3"], submap: Submap
 ) -> UInt8[np.ndarray, "h w"]:
     """Labels of a frame's surfaces: floor, wall, ceiling, or none.
 

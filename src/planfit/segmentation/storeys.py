@@ -58,8 +58,7 @@ def find_storeys(
 
 
 def number_storeys(
-    floor_heights_m: Float[np.ndarray, " n"],
-    camera_heights_m: Float[np.ndarray, " n"],
+    floor_heights_m: Float[np.ndarray, " n"], camera_heights_m: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " n"]]:
     """Floors (m) of the storeys that were walked, from the lowest, and which of them each frame stands on.
 

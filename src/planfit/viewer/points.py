@@ -146,10 +146,7 @@ def shape_from_above(folder: Path, positions: Float[np.ndarray, "n 3"]) -> Float
 
 
 def to_drag(
-    folder: Path,
-    positions: Float[np.ndarray, "n 3"],
-    floorplan: Floorplan,
-    record: dict[str, Any],
+    folder: Path, positions: Float[np.ndarray, "n 3"], floorplan: Floorplan, record: dict[str, Any]
 ) -> dict[str, Any]:
     """What the page drags: points at the rim of the plan, and of the pairs both sides.
 

@@ -185,9 +185,7 @@ def _line(ends: Float[np.ndarray, "2 2"], crop: Crop, style: str) -> str:
 
 
 def _rows(
-    as_built: AsBuilt,
-    shown: Sequence[tuple[int, AsBuiltWall]],
-    of_fit: Mapping[int, SeenFace],
+    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], of_fit: Mapping[int, SeenFace]
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
     """Style, attributes and cells of each row."""
     for number, wall in shown:

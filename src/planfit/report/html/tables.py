@@ -222,9 +222,7 @@ class Cell:
 
 
 def sortable_table(
-    heads: Sequence[str],
-    rows: Sequence[tuple[str, str, tuple[Cell, ...]]],
-    what: str = "walls",
+    heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Cell, ...]]], what: str = "walls"
 ) -> str:
     """A table whose heads sort it (`page.js`); the second column is words, the others are numbers.
 

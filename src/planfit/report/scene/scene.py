@@ -192,9 +192,7 @@ def encode_levels(points: ScenePoints) -> list[str]:
     return in_threads(encode, range(n_others + 1))
 
 
-def tile_frames(
-    points: ScenePoints,
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+def tile_frames(points: ScenePoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Origin of each frame's points (m) and metres of a step, single precision: cam = origin + step * q."""
     n_frames = len(points.start) - 1
     low = np.zeros((n_frames, 3), dtype=np.float32)

@@ -159,10 +159,7 @@ def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | Non
 
 
 def _fitting(
-    file: CloudFile,
-    times: Float[np.ndarray, " n"],
-    trajectory: Trajectory,
-    offset_s: float | None,
+    file: CloudFile, times: Float[np.ndarray, " n"], trajectory: Trajectory, offset_s: float | None
 ) -> list[ClockRelation]:
     """Relations that put times, which are seconds, inside those of the trajectory."""
     if offset_s is not None:
