@@ -339,17 +339,15 @@ def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None)
         for w in comparison.witnesses
     ]
     out.print(table("", ["lower is better", "A", "B", "prefers"], rows))
-    rows = []
-    for local in comparison.stretches:
-        stretch = local.stretch
-        rows.append(
-            [
-                f"{stretch.first}-{stretch.last}",
-                f"{stretch.max_distance_m:.3f} m",
-                f"{stretch.max_angle_deg:.1f} deg",
-                *local_in_words(local),
-            ]
-        )
+    rows = [
+        [
+            f"{local.stretch.first}-{local.stretch.last}",
+            f"{local.stretch.max_distance_m:.3f} m",
+            f"{local.stretch.max_angle_deg:.1f} deg",
+            *local_in_words(local),
+        ]
+        for local in comparison.stretches
+    ]
     if rows:
         heads = [
             "frames that differ most",

@@ -88,14 +88,11 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             return
         name, _, rest = path.partition("/")
+        told = {"state": session.state, "plan": session.plan, "shape": session.shape}
         if path == "":
             self._answer(lambda: page(report_page(session.folder)), "text/html; charset=utf-8")
-        elif path == "state":
-            self._answer(lambda: as_json(session.state()), "application/json")
-        elif path == "plan":
-            self._answer(lambda: as_json(session.plan()), "application/json")
-        elif path == "shape":
-            self._answer(lambda: as_json(session.shape()), "application/json")
+        elif path in told:
+            self._answer(lambda: as_json(told[path]()), "application/json")
         elif name == "frame" and (number := whole_number(rest)) is not None:
             self._answer(lambda: session.image(number), "image/jpeg")
         else:

@@ -238,17 +238,15 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
 
 
 def _stretch_table(comparison: Comparison) -> str:
-    rows = []
-    for local in comparison.stretches:
-        stretch = local.stretch
-        rows.append(
-            (
-                f"{stretch.first}-{stretch.last}",
-                formatting.length(stretch.max_distance_m),
-                f"{stretch.max_angle_deg:.1f}{formatting.SPACE}deg",
-                *local_in_words(local),
-            )
+    rows = [
+        (
+            f"{local.stretch.first}-{local.stretch.last}",
+            formatting.length(local.stretch.max_distance_m),
+            f"{local.stretch.max_angle_deg:.1f}{formatting.SPACE}deg",
+            *local_in_words(local),
         )
+        for local in comparison.stretches
+    ]
     heads = ("frames", "apart by", "turned by", "matches there, A / B", "wall on plan, A / B")
     return table(heads, rows, "wnnnn") if rows else ""
 

@@ -27,8 +27,8 @@ from planfit.scan.images.decode import (
     depth_from_raw,
     header_size,
 )
+from planfit.scan.images.files import PackedSource
 from planfit.scan.images.lens import MAX_SIZE_PX
-from planfit.scan.packed_source import PackedSource
 from planfit.scan.source import MAX_ENTRY_BYTES, fingerprint_of_file
 from planfit.scan.tables import shorten
 

@@ -13,10 +13,9 @@ from jaxtyping import Float, UInt8
 from planfit.errors import ScanError
 from planfit.scan.formats.scannet import NUMBERED_POSES, check_extrinsics
 from planfit.scan.images.decode import decode_color, depth_from_raw
-from planfit.scan.images.files import ImageFiles
+from planfit.scan.images.files import ImageFiles, PackedSource
 from planfit.scan.images.lens import MAX_SIZE_PX, matrix_intrinsics
 from planfit.scan.layout import WholeFile
-from planfit.scan.packed_source import PackedSource
 from planfit.scan.poses import check_recorded_pose
 from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
 from planfit.scan.source import MAX_ENTRY_BYTES, fingerprint, fingerprint_of_file
