@@ -22,7 +22,7 @@ from planfit.as_built import (
     opening_words,
 )
 from planfit.report import formatting
-from planfit.report.html.tables import Cell, sortable_table
+from planfit.report.html.tables import Cell, color_keys, sortable_table
 from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace
@@ -51,10 +51,7 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
     options = as_built.options
     # Walls of a campus that the scan does not come near are in the exports, not on the page.
     shown = _shown(as_built.walls, crop)
-    keys = " ".join(
-        f'<span class="entry"><span class="key" style="background:{color}"></span>{verdict.value}</span>'
-        for verdict, color in COLORS.items()
-    )
+    keys = color_keys((color, verdict.value) for verdict, color in COLORS.items())
     counts = counted([as_built.verdict(wall) for _, wall in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     n_walls = len(deviations(as_built))

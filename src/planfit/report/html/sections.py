@@ -109,13 +109,9 @@ def walls(
         (colors.UNMATCHED, "scanned, but not on the plan"),
         (colors.NOT_SEEN, "not seen"),
     )
-    legend = " ".join(
-        f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
-        for color, words in keys
-    )
     picture = captioned(
         maps.wall_map(floorplan, result, faces, crop, width_pt(crop)),
-        legend,
+        tables.color_keys(keys),
         "Walls of the plan by agreement with the scan",
     )
     html = [

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from typing import Literal
@@ -257,6 +257,14 @@ def _td(cell: Cell, kind: str) -> str:
         return f'<td{kind} data-key="{escape(cell.key)}">{cell.html}</td>'
     key = "" if np.isinf(cell.key) else f"{cell.key:.6g}"
     return f'<td{kind} data-key="{key}">{cell.html}</td>'
+
+
+def color_keys(entries: Iterable[tuple[str, str]]) -> str:
+    """What colours mean: each, and words (HTML)."""
+    return " ".join(
+        f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
+        for color, words in entries
+    )
 
 
 def plural(count: int, one: str, many: str) -> str:
