@@ -74,7 +74,8 @@ class LocalPool:
                     one.begin = time.monotonic()
                     one.running = self.launcher.start(one.task.errand, one.number)
                     going.append(one)
-                ended = [(one, state) for one in going if (state := _poll(one)) is not None]
+                polled = [(one, one.running.poll()) for one in going if one.running is not None]
+                ended = [(one, state) for one, state in polled if state is not None]
                 for one, state in ended:
                     going.remove(one)
                     self._expected.learn(one.task.scan, state.peak_bytes)
@@ -131,11 +132,6 @@ class LocalPool:
                 one.need = need
                 return one
         return None
-
-
-def _poll(one: _Try) -> State | None:
-    assert one.running is not None
-    return one.running.poll()
 
 
 MEMORY = "MEMORY"

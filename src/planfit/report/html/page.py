@@ -189,12 +189,6 @@ def _certainty(shown: Shown) -> str:
     )
 
 
-def _walls(shown: Shown) -> str:
-    if shown.floorplan is None:
-        return ""
-    return sections.walls(shown.floorplan, shown.result, shown.crop, shown.as_built)
-
-
 def _foot(shown: Shown) -> str:
     axes = "as recorded, turned upright" if shown.floorplan is None else "as in the plan"
     return f"<footer>{_made(shown.made)} x and y {axes}, heights above the floor.</footer>"
@@ -285,7 +279,7 @@ SECTIONS: tuple[Section, ...] = (
     lambda shown: sections.fit_and_correction(shown.both),
     lambda shown: sections.sensor_section(shown.result),
     lambda shown: sections.floor(shown.floorplan, shown.both, shown.crop),
-    _walls,
+    lambda shown: sections.walls(shown.floorplan, shown.result, shown.crop, shown.as_built),
     lambda shown: sections.frame_matches(shown.floorplan, shown.both, shown.result, shown.crop),
     _costs_and_time,
     _statistics,

@@ -93,9 +93,11 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
 
 
 def walls(
-    floorplan: Floorplan, result: RefineResult, crop: Crop, as_built: AsBuilt | None = None
+    floorplan: Floorplan | None, result: RefineResult, crop: Crop, as_built: AsBuilt | None
 ) -> str:
     """Which walls of the plan the fit used, and, where verdicts are given, how each was built."""
+    if floorplan is None:
+        return ""
     n_patches = len(result.structure.walls)
     if n_patches == 0:
         judged = "" if as_built is None else as_built_section(as_built, crop)
