@@ -70,7 +70,7 @@ def make_scene(n_points: int, n_frames: int) -> Scene:
     )
     return Scene(
         bounds.mean(axis=0), bounds, 3.0, before, poses, points, (_FRAME,) * n_frames,
-        np.full(n_frames, True), np.arange(0, n_frames, max(4, n_frames // 830)), (), {},
+        np.arange(0, n_frames, max(4, n_frames // 830)), (), {},
     )  # fmt: skip
 
 

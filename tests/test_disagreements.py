@@ -14,7 +14,7 @@ from planfit.export.record import make_record
 from planfit.geometry import se3
 from planfit.pipeline.disagreements import Disagreement, Eased, EvidenceItem
 from planfit.pipeline.options import RefineOptions
-from planfit.report.html.certainty_section import disagreement_section
+from planfit.report.html.evidence_sections import disagreement_section
 from planfit.scan.statistics import lift_pixel
 from test_corrections import (
     NO_MATCHES,

@@ -12,7 +12,7 @@ from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.pipeline.links import CUBE_M, WITHIN_CUBES, Link
 from planfit.pipeline.registration import register
-from planfit.report.html.registration_section import MAX_ROWS, registration_section
+from planfit.report.html.evidence_sections import MAX_ROWS, registration_section
 from test_disagreements import LOOPS, walk_there_and_back
 from test_registration import evidence_of
 

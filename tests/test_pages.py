@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 
 import planfit
 import reference
+from planfit.cli.commands import topics
 from planfit.cli.speech import NAMES
-from planfit.cli.topics import topics
 from planfit.errors import OptionError
 from planfit.floorplan import PlanOptions
 from planfit.scan import ScanOptions

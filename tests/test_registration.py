@@ -13,7 +13,7 @@ from planfit.pipeline.links import Visit
 from planfit.pipeline.registration import FACTOR_95, FACTOR_95_FLAT, loa_class, register
 from planfit.pipeline.strength import LOOPS, DirectionStrength
 from planfit.pipeline.validation import Check
-from planfit.report.html.registration_section import registration_section
+from planfit.report.html.evidence_sections import registration_section
 from planfit.survey import PointResidual, SurveyResiduals
 
 WALLS = Check("wall points within 0.1 m of the plan", 0.4, 0.93, "share", False)

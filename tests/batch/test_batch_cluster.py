@@ -9,11 +9,10 @@ import sys
 import pytest
 from batch_results import is_gone, until
 
-from planfit.batch.cluster import run_on_cluster
 from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Job
 from planfit.batch.ledger import End
-from planfit.batch.pool import Task
+from planfit.batch.pool import Task, run_on_cluster
 from planfit.batch.process import Errand, Launcher
 from planfit.errors import OptionError
 
@@ -105,7 +104,7 @@ def parent_of(pid):
 
 
 def test_no_scheduler_is_one_sentence(ledger, tmp_path, monkeypatch):
-    monkeypatch.setattr("planfit.batch.cluster._CONNECT_S", 1)
+    monkeypatch.setattr("planfit.batch.pool._CONNECT_S", 1)
     todo = tasks(ledger, tmp_path, {"a": "now refined"})
     with pytest.raises(OptionError, match="expected a dask scheduler, found none that answers"):
         list(run_on_cluster("tcp://127.0.0.1:9", LAUNCHER, todo))

@@ -11,10 +11,9 @@ import pytest
 import reference
 from command_flags import group_of
 from planfit.cli import run
-from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME
+from planfit.cli.commands import COMMANDS, COMMANDS_BY_NAME, topics
 from planfit.cli.completion import completions
 from planfit.cli.speech import NAMES
-from planfit.cli.topics import topics
 
 SOURCE = Path(__file__).parents[2] / "src" / "planfit"
 OF_OTHERS = {

@@ -23,7 +23,7 @@ from planfit.evaluation.comparison import _match_metrics
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
-from planfit.report.comparison_words import conclusion
+from planfit.report.html.comparison_page import conclusion
 from planfit.runtime import Runtime
 from planfit.synth import BuildingOptions, CameraOptions, SynthOptions, WalkOptions, make_scan
 

@@ -300,7 +300,6 @@ def test_what_is_told_of_a_frame_takes_little_of_the_page():
             frames=scene.frames * 10,
             before=np.tile(scene.before, (10, 1, 1)),
             after=np.tile(scene.after, (10, 1, 1)),
-            is_placed=np.tile(scene.is_placed, 10),
         )
     )
     n_more = 9 * len(scene.frames)

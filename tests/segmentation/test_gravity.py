@@ -134,7 +134,7 @@ def test_max_frames_bounds_what_is_read():
             read.append(i)
             return scan.files.depth(i)
 
-    with patch.object(gravity_module, "_MAX_FRAMES", 3):
+    with patch.object(gravity_module, "MAX_FRAMES", 3):
         find_gravity(replace(scan, files=Counting()), Runtime(1))
     assert sorted(read) == [0, 4, 8]
 

@@ -5,7 +5,7 @@ import pytest
 
 from planfit.errors import OptionError
 from planfit.scan import Label
-from planfit.segmentation.learned_models import label_of_name, label_table
+from planfit.segmentation.learned import label_of_name, label_table
 
 
 @pytest.mark.parametrize(

@@ -16,8 +16,7 @@ from planfit.adjust.terms import observation_models
 from planfit.export.tables import survey_record, write_survey
 from planfit.findings import SurveyKind
 from planfit.lsq.robust import SQUARES
-from planfit.report.html.certainty_section import disagreement_section
-from planfit.report.html.registration_section import survey_section
+from planfit.report.html.evidence_sections import disagreement_section, survey_section
 from surveyed import observed, scan_at, survey_of
 
 QUICK = planfit.RefineOptions().with_("adjust.starts", ["aligned"])

@@ -11,11 +11,11 @@ from planfit.as_built.lines_of_sight import (
     HEIGHTS_M,
     MIN_FRAMES,
     LinesOfSight,
+    Piece,
     lines_of_sight,
     through_shares,
 )
 from planfit.as_built.new_walls import find_new_walls
-from planfit.as_built.standing import Piece
 from planfit.as_built.types import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.as_built.wall_offsets import (
     MIN_LENGTH_M,

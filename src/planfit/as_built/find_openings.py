@@ -1,13 +1,13 @@
 """Openings one by one: those that the plan draws, and those of walls that it draws without."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool
 
 from planfit.as_built.lines_of_sight import (
     BIN_M,
+    DEPTH_M,
     END_M,
     HEIGHTS_M,
     MIN_FRAMES,
@@ -17,7 +17,6 @@ from planfit.as_built.lines_of_sight import (
 from planfit.as_built.look_at_opening import look_at
 from planfit.as_built.new_walls import MAX_GAP_M
 from planfit.as_built.openings import AsBuiltOpening
-from planfit.as_built.standing import DEPTH_M
 from planfit.as_built.types import AsBuilt, AsBuiltWall
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
@@ -32,6 +31,7 @@ from planfit.floorplan.gaps import (
     sides_of_gaps,
 )
 from planfit.geometry import segments
+from planfit.pipeline.on_plan import frame_runs
 from planfit.priors import DOOR_PASSED_LEAST_M
 
 BESIDE_M = MAX_GAP_M
@@ -94,7 +94,7 @@ def _undrawn(as_built: AsBuilt, floorplan: Floorplan, sight: LinesOfSight) -> li
     counts = frames_through(sight, standing, HEIGHTS_M)
     sides, of_wall = [], []
     for k, n_frames in enumerate(counts):
-        for low, high in _runs(n_frames >= MIN_FRAMES):
+        for low, high in frame_runs(n_frames >= MIN_FRAMES):
             at = END_M + BIN_M * np.array([low, high + 1.0])
             if at[1] - at[0] >= MIN_NEW_M - 1e-9:
                 along = segments.directions(ends[k][None])[0]
@@ -131,14 +131,6 @@ def _with_back(gap: Gap, floorplan: Floorplan) -> Gap:
     return replace(gap, ends=middle, thickness_m=thickness_m)
 
 
-def _runs(is_through: Bool[np.ndarray, " b"]) -> Iterator[tuple[int, int]]:
-    """First and last of each run of parts."""
-    change = np.diff(np.concatenate([[0], is_through.astype(int), [0]]))
-    yield from zip(
-        np.flatnonzero(change > 0).tolist(), (np.flatnonzero(change < 0) - 1).tolist(), strict=True
-    )
-
-
 def _is_one_place(gap: Gap, other: Gap) -> bool:
     """Whether two gaps of one wall share some width."""
     along = (gap.ends[1] - gap.ends[0]) / gap.width_m
@@ -163,22 +155,8 @@ def _seen(
     seen = look_at(stands, placed, sight)
     kind, element_id = opening_element(floorplan, gap) if is_drawn else ("", "")
     of_wall = next((wall.element_id for wall in beside if wall.element_id), "")
-    return AsBuiltOpening(
-        is_drawn=is_drawn,
-        ends=gap.ends,
-        normal=gap.normal,
-        thickness_m=gap.thickness_m,
-        open_share=float(np.mean(seen.is_open)),
-        closed_share=float(np.mean(seen.is_closed)),
-        n_through_frames=seen.n_through_frames,
-        n_surface_frames=seen.n_surface_frames,
-        edges_m=seen.edges_m,
-        edge_sigmas_m=seen.edge_sigmas_m,
-        set_back_m=seen.set_back_m,
-        set_back_sigmas_m=seen.set_back_sigmas_m,
-        kind=kind,
-        element_id=element_id or of_wall,
-    )
+    named = element_id or of_wall
+    return replace(seen, is_drawn=is_drawn, ends=gap.ends, kind=kind, element_id=named)
 
 
 def _is_beside(wall: AsBuiltWall, gap: Gap, floorplan: Floorplan) -> bool:

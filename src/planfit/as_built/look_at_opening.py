@@ -4,7 +4,7 @@ its two sides stand, and how far what is seen in it stands back from the wall.""
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from planfit.as_built.lines_of_sight import (
     BIN_M,
@@ -14,6 +14,7 @@ from planfit.as_built.lines_of_sight import (
     LinesOfSight,
     crossings,
 )
+from planfit.as_built.openings import AsBuiltOpening
 from planfit.as_built.wall_offsets import PlacedWalls, offset_sigma
 from planfit.floorplan.gaps import Gap
 
@@ -33,25 +34,6 @@ MIN_POINTS = 6
 """Of a frame, in the opening and beside it."""
 DEPTH_M = 0.06
 """What stands no further than this before either side of the wall, m, is in the opening."""
-
-
-@dataclass(frozen=True)
-class OpeningSeen:
-    """Evidence on one opening; b parts of its width."""
-
-    is_open: Bool[np.ndarray, " b"]
-    """Whether enough frames look through each part."""
-    is_closed: Bool[np.ndarray, " b"]
-    """Whether enough see wall or a door in it, and too few look through."""
-    n_through_frames: int
-    n_surface_frames: int
-    edges_m: tuple[float, float]
-    """Where its sides stand, along the wall from its first end; NaN where a side was not seen."""
-    edge_sigmas_m: tuple[float, float]
-    set_back_m: tuple[float, float]
-    """How far what is seen in it stands behind the face of the wall beside it, from the side that its normal
-    points to and from the other, m; NaN from where too few frames show both."""
-    set_back_sigmas_m: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -84,8 +66,8 @@ class _Along:
         return float(reach[furthest[-1]]), frames[furthest]
 
 
-def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> OpeningSeen:
-    """What is seen of an opening where its wall stands.
+def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> AsBuiltOpening:
+    """What is seen of an opening where its wall stands, as if it were drawn there.
 
     Args:
         gap: the opening, plan frame.
@@ -105,24 +87,24 @@ def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> OpeningSeen:
         for at_second in (False, True)
     ]
     backs = [_set_back(sign, gap, along, placed, sight) for sign in (1.0, -1.0)]
-    return OpeningSeen(
-        is_open,
-        is_closed,
-        through.n_frames(gap.width_m),
-        surface.n_frames(gap.width_m),
-        (sides[0][0], sides[1][0]),
-        (sides[0][1], sides[1][1]),
-        (backs[0][0], backs[1][0]),
-        (backs[0][1], backs[1][1]),
+    return AsBuiltOpening(
+        is_drawn=True,
+        ends=gap.ends,
+        normal=gap.normal,
+        thickness_m=gap.thickness_m,
+        open_share=float(np.mean(is_open)),
+        closed_share=float(np.mean(is_closed)),
+        n_through_frames=through.n_frames(gap.width_m),
+        n_surface_frames=surface.n_frames(gap.width_m),
+        edges_m=(sides[0][0], sides[1][0]),
+        edge_sigmas_m=(sides[0][1], sides[1][1]),
+        set_back_m=(backs[0][0], backs[1][0]),
+        set_back_sigmas_m=(backs[0][1], backs[1][1]),
     )
 
 
 def _set_back(
-    sign: float,
-    gap: Gap,
-    along: Float[np.ndarray, "2"],
-    placed: PlacedWalls,
-    sight: LinesOfSight,
+    sign: float, gap: Gap, along: Float[np.ndarray, "2"], placed: PlacedWalls, sight: LinesOfSight
 ) -> tuple[float, float]:
     """How far what is seen in an opening from one side stands behind the wall beside it, and its sigma; NaN
     where too few frames show both.

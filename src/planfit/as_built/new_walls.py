@@ -8,8 +8,14 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from planfit.as_built.lines_of_sight import HEIGHTS_M, LinesOfSight
-from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
+from planfit.as_built.lines_of_sight import (
+    DEPTH_M,
+    HEIGHTS_M,
+    LinesOfSight,
+    Piece,
+    are_walls,
+    top_of,
+)
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
 from planfit.priors import SURFACE_TILT_MOST_DEG
@@ -27,10 +33,7 @@ MIN_PATCHES, MIN_LENGTH_M = 3, 0.6
 
 
 def find_new_walls(
-    placed: PlacedWalls,
-    is_open: Bool[np.ndarray, " k"],
-    floorplan: Floorplan,
-    sight: LinesOfSight,
+    placed: PlacedWalls, is_open: Bool[np.ndarray, " k"], floorplan: Floorplan, sight: LinesOfSight
 ) -> list[Piece]:
     """Walls that patches of no face make up, the longest first.
 
@@ -92,10 +95,7 @@ def _pieces_of(
 
 
 def _is_drawn(
-    at: Float[np.ndarray, " b"],
-    normal: Float[np.ndarray, "2"],
-    across: float,
-    floorplan: Floorplan,
+    at: Float[np.ndarray, " b"], normal: Float[np.ndarray, "2"], across: float, floorplan: Floorplan
 ) -> Bool[np.ndarray, " b"]:
     """Whether a face is drawn at places along a line that looks the same way."""
     along = np.array([normal[1], -normal[0]])

@@ -22,8 +22,15 @@ from planfit.adjust.association import (
     wall_patches_in_plan,
 )
 from planfit.adjust.moved_walls import MIN_SHARE, nearest_unexplained
-from planfit.as_built.lines_of_sight import END_M, MIN_FRAMES, LinesOfSight
-from planfit.as_built.standing import DEPTH_M, Piece, are_walls, top_of
+from planfit.as_built.lines_of_sight import (
+    DEPTH_M,
+    END_M,
+    MIN_FRAMES,
+    LinesOfSight,
+    Piece,
+    are_walls,
+    top_of,
+)
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.priors import WALL_AS_DRAWN_M, WALL_LENGTH_LEAST_M, WALL_SPREAD_M
@@ -322,10 +329,7 @@ def _most_agreed(
     return np.flatnonzero(agree)
 
 
-def offset_sigma(
-    offset_m: Float[np.ndarray, " p"],
-    pose_sigma_m: float,
-) -> float:
+def offset_sigma(offset_m: Float[np.ndarray, " p"], pose_sigma_m: float) -> float:
     """Standard deviation of the median of some offsets, given that of what the poses add to it."""
     squares = np.sum((offset_m - offset_m.mean()) ** 2) + SCATTER_FRAMES * SCATTER_M**2
     scatter = squares / (len(offset_m) + SCATTER_FRAMES - 1.0)

@@ -206,8 +206,7 @@ def _options(
     if column.is_switch:
         word = _one(row, name).lower()
         require(
-            word in SWITCH_WORDS,
-            f"{row.where}: expected true or false as {name}, found {word!r}",
+            word in SWITCH_WORDS, f"{row.where}: expected true or false as {name}, found {word!r}"
         )
         if SWITCH_WORDS[word]:
             return (Option(f"--{name}"),)

@@ -22,6 +22,7 @@ from planfit.batch.memory import GB
 from planfit.pipeline.verdict import Outcome
 from planfit.report import formatting
 from planfit.report.html.page import page_of
+from planfit.report.html.tables import sortable_head
 
 
 class Result(StrEnum):
@@ -151,21 +152,13 @@ def _formatted(value: float | None, form: str) -> str:
 
 _THUMBNAIL_PX = (360, 130)
 _HEADS = (
-    ("scan", ""), ("verdict", ""), ("", ""), ("predicted error", "num"), ("wall on plan before", "num"),
-    ("after", "num"), ("frames", "num"), ("time", "num"), ("memory", "num"),
+    "scan", "verdict", "", "predicted error", "wall on plan before", "after", "frames", "time", "memory",
 )  # fmt: skip
 _COLOR = {
     Result.REFINED: "good", Result.RESERVATIONS: "fair", Result.NO_BETTER: "bad", Result.REFUSED: "bad",
     Result.CRASHED: "bad", Result.OPEN: "",
 }  # fmt: skip
-_WORDS = {
-    Result.REFINED: "refined",
-    Result.RESERVATIONS: "with reservations",
-    Result.NO_BETTER: "no better",
-    Result.REFUSED: "refused",
-    Result.CRASHED: "crashed",
-    Result.OPEN: "not done yet",
-}
+_WORDS = {result: result.value for result in Result} | {Result.RESERVATIONS: "with reservations"}
 _STYLE = """<style>
 body { max-width: 90rem; }
 td.words { min-width: 11rem; max-width: 30rem; overflow-wrap: anywhere; }
@@ -202,12 +195,7 @@ def write_page(jobs: Sequence[Job], ledger: Ledger, title: str) -> list[JobRow]:
 
 def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
     """The page; pictures and reports are linked, nothing is fetched from elsewhere."""
-    head = "".join(
-        f'<th scope="col"{_class(kind)}>'
-        + (f'<button type="button">{name}</button>' if name else "")
-        + "</th>"
-        for name, kind in _HEADS
-    )
+    head = sortable_head(_HEADS, "wwwnnnnnn")
     body = "".join(f"<tr>{_cells(row)}</tr>\n" for row in sorted(rows, key=_from_worst))
     return page_of(
         f"{title}: planfit batch",
@@ -218,8 +206,7 @@ def page_of_rows(rows: Sequence[JobRow], title: str) -> str:
             f'<p class="verdict {_worst(rows)}">{escape(counts_in_words(rows))}</p>',
             "<p>What needs a look comes first; a head sorts by its column. The predicted error is that of "
             "camera positions (RMS); wall on plan is the share of wall points within 0.1 m of it.</p>",
-            f'<div class="jobs"><table class="sortable"><thead><tr>{head}</tr></thead><tbody>\n{body}</tbody>'
-            "</table></div>",
+            f'<div class="jobs"><table class="sortable">{head}<tbody>\n{body}</tbody></table></div>',
             '<footer>The same as a table: <a href="jobs.csv">jobs.csv</a>.</footer>',
         ],
     )
@@ -276,10 +263,6 @@ def _shown(value: float | None, text: str) -> str:
 
 def _td(style: str, key: str, html: str) -> str:
     return f'<td class="{style}" data-key="{escape(key)}">{html}</td>'
-
-
-def _class(kind: str) -> str:
-    return f' class="{kind}"' if kind else ""
 
 
 def _make_thumbnail(folder: Path, target: Path) -> None:

@@ -193,11 +193,11 @@ class Running:
         self.errand.ledger.keep_state(name, state)
         return state
 
-    def stop(self, wait_s: float = 10.0) -> None:
+    def stop(self) -> None:
         """End it; what it had finished is in its cache."""
         self.close()
         try:
-            self.process.wait(wait_s)
+            self.process.wait(10.0)  # s
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -215,19 +215,19 @@ def _death(code: int) -> str:
     return f"its process was ended by signal {-code}{killed}"
 
 
-def read_errand(stdin: IO[bytes], leave: Callable[[], Any] | None = None) -> Errand:
-    """The errand of this process, which ends from now on when `stdin` is closed.
+def read_errand(stdin: IO[bytes]) -> Errand:
+    """The errand of this process, which ends from now on when `stdin` is closed, at once: nothing that it
+    writes is half there.
 
     Args:
         stdin: one line of JSON, then nothing until it is closed.
-        leave: ends the process; by default at once: nothing that it writes is half there.
     """
     errand = Errand.of_plain(json.loads(stdin.readline()))
 
     def watch() -> None:
         while stdin.read(1):
             pass
-        (leave or (lambda: os._exit(EXIT_LEFT)))()
+        os._exit(EXIT_LEFT)
 
     threading.Thread(target=watch, daemon=True).start()
     return errand

@@ -25,7 +25,7 @@ from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.pipeline.align import align
 from planfit.pipeline.options import RefineOptions
-from planfit.report.plots.alignment import draw_alignment
+from planfit.report.plots.scan_view import draw_alignment
 from planfit.runtime import Runtime, write_whole
 from planfit.runtime.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
 from planfit.saving import RunInputs

@@ -10,13 +10,12 @@ from typing import Annotated
 
 import tyro
 
-from planfit.batch.cluster import require_distributed, run_on_cluster
 from planfit.batch.inputs import inputs_of
 from planfit.batch.jobs import Column, Job, Option, read_jobs
 from planfit.batch.ledger import Ledger, State
 from planfit.batch.memory import GB, SHARE_OF_FREE, free_bytes
 from planfit.batch.page import JobRow, Result, counts_in_words, row_of, write_page
-from planfit.batch.pool import LocalPool, Task
+from planfit.batch.pool import LocalPool, Task, require_distributed, run_on_cluster
 from planfit.batch.process import Errand, Launcher
 from planfit.batch.sheet import Row
 from planfit.cli.arguments import Out

@@ -18,13 +18,19 @@ from planfit.errors import OutputError, ScanError, require
 from planfit.evaluation import CompareOptions, Comparison, compare
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.export.cloud import place_cloud, sample_cloud
+from planfit.export.option_files import finite
 from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches
 from planfit.pipeline.calibrate import corrected
 from planfit.pipeline.observations import extract_observations
-from planfit.report.comparison_words import conclusion, local_in_words, whole_in_words
-from planfit.report.html.comparison_page import Compared, make_comparison
+from planfit.report.html.comparison_page import (
+    Compared,
+    conclusion,
+    local_in_words,
+    make_comparison,
+    whole_in_words,
+)
 from planfit.report.measures import CloudXY
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime, made_folder, write_whole
@@ -266,10 +272,10 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
                 "last_frame": local.stretch.last,
                 "max_m": local.stretch.max_distance_m,
                 "max_deg": local.stretch.max_angle_deg,
-                "matches_m": {"a": _finite(local.match_m[0]), "b": _finite(local.match_m[1])},
+                "matches_m": {"a": finite(local.match_m[0]), "b": finite(local.match_m[1])},
                 "wall_near_plan": {
-                    "a": _finite(local.near_share[0]),
-                    "b": _finite(local.near_share[1]),
+                    "a": finite(local.near_share[0]),
+                    "b": finite(local.near_share[1]),
                 },
             }
             for local in comparison.stretches
@@ -278,8 +284,8 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
             name: {
                 "meaning": metric.meaning.strip(),
                 "unit": metric.unit,
-                "a": _finite(metric.before),
-                "b": _finite(metric.after),
+                "a": finite(metric.before),
+                "b": finite(metric.after),
             }
             for name, metric in comparison.metrics.items()
         },
@@ -290,10 +296,6 @@ def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
         },
         "notes": [*pair.notes, *comparison.notes],
     }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _cloud(pair: _Pair, comparison: Comparison, runtime: Runtime) -> CloudXY | None:
@@ -337,17 +339,15 @@ def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None)
         for w in comparison.witnesses
     ]
     out.print(table("", ["lower is better", "A", "B", "prefers"], rows))
-    rows = []
-    for local in comparison.stretches:
-        stretch = local.stretch
-        rows.append(
-            [
-                f"{stretch.first}-{stretch.last}",
-                f"{stretch.max_distance_m:.3f} m",
-                f"{stretch.max_angle_deg:.1f} deg",
-                *local_in_words(local),
-            ]
-        )
+    rows = [
+        [
+            f"{local.stretch.first}-{local.stretch.last}",
+            f"{local.stretch.max_distance_m:.3f} m",
+            f"{local.stretch.max_angle_deg:.1f} deg",
+            *local_in_words(local),
+        ]
+        for local in comparison.stretches
+    ]
     if rows:
         heads = [
             "frames that differ most",

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from planfit.cli.commands import COMMANDS_BY_NAME, HELP
+from planfit.cli.commands import COMMANDS_BY_NAME, HELP, topics
 from planfit.cli.speech import NAMES
-from planfit.cli.topics import topics
 from planfit.errors import OptionError, did_you_mean
 
 Shell = Literal["bash", "zsh", "fish"]

@@ -18,8 +18,6 @@ from planfit.errors import OutputError, printable
 from planfit.findings.finding import FEW_NAMED
 from planfit.scan import Scan, corrupt_frames
 
-_NAMED = FEW_NAMED
-"""So many lines of a list are told in full."""
 _LOG_WIDTH = 160
 SHOWN_FROM_S = 0.05
 """Stages that took less are left out: with one digit they would be told as 0.0 s."""
@@ -160,6 +158,14 @@ def table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str | Text
     return result
 
 
+def listing(rows: Sequence[Sequence[str]]) -> Table:
+    """A plain table of names and words, without heads."""
+    result = table("", ["", ""], rows)
+    result.columns[1].justify = "left"
+    result.show_header = False
+    return result
+
+
 def check_suffix(target: Path, kinds: Collection[str]) -> None:
     """Raise `OutputError` where a file to write has none of the suffixes that tell what to write."""
     if target.suffix.lower() not in kinds:
@@ -189,6 +195,6 @@ def tell_scan(scan: Scan) -> None:
 
 
 def _tell_list(begin: str, lines: tuple[str, ...] | list[str]) -> None:
-    named = "; ".join(lines[:_NAMED])
-    more = f"; and {len(lines) - _NAMED} more" if len(lines) > _NAMED else ""
+    named = "; ".join(lines[:FEW_NAMED])
+    more = f"; and {len(lines) - FEW_NAMED} more" if len(lines) > FEW_NAMED else ""
     note(f"{begin}: {named}{more}")

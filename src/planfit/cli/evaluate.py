@@ -28,6 +28,7 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
+from planfit.export.option_files import finite
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
@@ -303,7 +304,7 @@ def _plain(metric: Metric) -> dict[str, Any]:
     return {
         "meaning": metric.meaning,
         "unit": metric.unit,
-        **{name: float(v) if np.isfinite(v) else None for name, v in values.items()},
+        **{name: finite(value) for name, value in values.items()},
     }
 
 

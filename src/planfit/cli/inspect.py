@@ -9,7 +9,7 @@ import tyro
 from jaxtyping import Integer
 
 from planfit.cli.arguments import Flat, Out
-from planfit.cli.console import StageBars, check_suffix, out, table, tell_scan
+from planfit.cli.console import StageBars, check_suffix, listing, out, tell_scan
 from planfit.report.plots.scan_view import draw_scan_view
 from planfit.runtime import Runtime, write_whole
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -46,20 +46,12 @@ def inspect_command(arguments: InspectArguments) -> int:
         path = path_statistics(scan)
         gravity = find_gravity(scan, runtime)
     out.print(f"scan {scan.name}\n", soft_wrap=True)
-    text = table("", ["", ""], _rows(scan, depth, path, gravity))
-    text.columns[1].justify = "left"
-    text.show_header = False
-    out.print(text)
+    out.print(listing(_rows(scan, depth, path, gravity)))
     tell_scan(scan)
     if arguments.out is not None:
         title = f"{Path(scan.name).name}: {len(scan)} frames, {path.length_m:.1f} m of path"
         picture = draw_scan_view(
-            title,
-            scan.world_from_cams,
-            depth.points_world,
-            gravity.up_world,
-            path.gaps,
-            path.jumps,
+            title, scan.world_from_cams, depth.points_world, gravity.up_world, path.gaps, path.jumps
         )
         write_whole(arguments.out, picture)
         out.print(f"written: {arguments.out}", soft_wrap=True)

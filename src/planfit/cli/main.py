@@ -12,15 +12,9 @@ from contextlib import contextmanager
 from typing import NoReturn
 
 from planfit import __version__
-from planfit.cli.commands import (
-    COMMANDS_BY_NAME,
-    Command,
-    looks_like_flag,
-    overview,
-)
+from planfit.cli.commands import COMMANDS_BY_NAME, Command, looks_like_flag, overview, show_help
 from planfit.cli.completion import completions
 from planfit.cli.speech import USUAL, Speech, speaking, split_speech
-from planfit.cli.topics import show_help
 from planfit.errors import OptionError, PlanfitError, did_you_mean
 
 EXIT_OK, EXIT_NOT_BETTER, EXIT_BAD_INPUT, EXIT_INTERRUPTED = 0, 1, 2, 130

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import tyro
 from jaxtyping import Float
 
 from planfit.cli.arguments import Flat, Out, PlanFlags
-from planfit.cli.console import check_suffix, note, out, table
+from planfit.cli.console import check_suffix, listing, note, out
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
@@ -45,12 +46,8 @@ class PlanArguments:
     flags: Flat[PlanFlags] = field(default_factory=PlanFlags)
 
 
-def _write_png(path: Path, floorplan: Floorplan) -> None:
-    write_whole(path, draw_plan_picture(floorplan, Path(floorplan.name)))
-
-
-def _write_numbered_png(path: Path, floorplan: Floorplan) -> None:
-    write_whole(path, draw_plan_picture(floorplan, Path(floorplan.name), has_numbers=True))
+def _write_png(path: Path, floorplan: Floorplan, has_numbers: bool = False) -> None:
+    write_whole(path, draw_plan_picture(floorplan, Path(floorplan.name), has_numbers))
 
 
 WRITERS: dict[str, Callable[[Path, Floorplan], None]] = {
@@ -87,7 +84,7 @@ def plan_command(arguments: PlanArguments) -> int:
     summarise(floorplan)
     if writer is not None and arguments.out is not None:
         if arguments.numbers and writer is _write_png:
-            writer = _write_numbered_png
+            writer = partial(_write_png, has_numbers=True)
         writer(arguments.out, floorplan)
         out.print(f"written: {arguments.out}", soft_wrap=True)
     return 0
@@ -136,10 +133,7 @@ def summarise(floorplan: Floorplan) -> None:
         rows.append(["layers", ", ".join(source.layers)])
     rows += [["left out" if i == 0 else "", words] for i, words in enumerate(source.dropped)]
     out.print(f"plan {floorplan.name}\n", soft_wrap=True)
-    text = table("", ["", ""], rows)
-    text.columns[1].justify = "left"
-    text.show_header = False
-    out.print(text)
+    out.print(listing(rows))
     for warning in source.warnings:
         note(warning)
 

@@ -21,7 +21,6 @@ from planfit.report.options import ReportOptions
 from planfit.runtime import options_of
 from planfit.runtime.run_folder import finished_record
 from planfit.saving import RunInputs
-from planfit.scan import Scan
 from planfit.viewer import FILE, Session, ViewServer
 
 _OF_TERMINAL = ("www-browser", "links", "elinks", "lynx", "w3m")
@@ -125,7 +124,11 @@ def open_session(arguments: ViewArguments) -> Session:
             by_hand=HandChoice(corrections, arguments.without_contradicted),
         )
 
-    _require_frames(scan, record)
+    if len(scan) != record.n_frames:
+        raise OptionError(
+            f"{scan.name}: expected the {record.n_frames} frames of the run, found {len(scan)}; give the "
+            "run's own scan with --scan"
+        )
     return Session(
         folder, in_unit(scan, record.depth_unit), floorplan, solve, _given(record, written)
     )
@@ -151,14 +154,6 @@ def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floo
             "plan, unit and storey as to 'planfit refine'"
         )
     return floorplan
-
-
-def _require_frames(scan: Scan, record: RunRecord) -> None:
-    if len(scan) != record.n_frames:
-        raise OptionError(
-            f"{scan.name}: expected the {record.n_frames} frames of the run, found {len(scan)}; give the "
-            "run's own scan with --scan"
-        )
 
 
 def _open(address: str) -> None:

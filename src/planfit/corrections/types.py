@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -18,11 +18,19 @@ Pixel = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Place:
-    """A point of the scan whose place on the plan is known."""
+class _Entry:
+    """What every correction has."""
 
     number: int
     """Among the entries of its kind, from 1."""
+    note: str = field(default="", kw_only=True)
+    """A word of one's own; it says nothing to planfit."""
+
+
+@dataclass(frozen=True)
+class Place(_Entry):
+    """A point of the scan whose place on the plan is known."""
+
     plan: tuple[float, float]
     """In the coordinates at the rim of `planfit plan PLAN -o plan.png`."""
     frame: int | None = None
@@ -32,8 +40,6 @@ class Place:
     """m, the scan's own axes."""
     is_of_file: bool = False
     """Whether `plan` is in the coordinates of the plan's own file."""
-    note: str = ""
-    """A word of one's own; it says nothing to planfit."""
 
     kind = "place"
 
@@ -45,16 +51,13 @@ class Place:
 
 
 @dataclass(frozen=True)
-class AddedLoop:
+class AddedLoop(_Entry):
     """Two frames that see the same."""
 
-    number: int
     frames: tuple[int, int]
     """The earlier one first."""
     pixels: tuple[Pixel, Pixel] | None = None
     """One point, in the image of each; None leaves it to the images."""
-    note: str = ""
-    """A word of one's own; it says nothing to planfit."""
 
     kind = "add_loop"
 
@@ -68,14 +71,11 @@ class AddedLoop:
 
 
 @dataclass(frozen=True)
-class DeletedLoop:
+class DeletedLoop(_Entry):
     """Frames that do not see the same, whatever their images say."""
 
-    number: int
     first: FrameRange
     second: FrameRange
-    note: str = ""
-    """A word of one's own; it says nothing to planfit."""
 
     kind = "delete_loop"
 
@@ -89,13 +89,10 @@ class DeletedLoop:
 
 
 @dataclass(frozen=True)
-class ExcludedFrames:
+class ExcludedFrames(_Entry):
     """Frames that take no part; their poses are read between those of their neighbours."""
 
-    number: int
     ranges: tuple[FrameRange, ...]
-    note: str = ""
-    """A word of one's own; it says nothing to planfit."""
 
     kind = "exclude_frames"
 

@@ -16,7 +16,7 @@ from ezdxf.enums import TextEntityAlignment
 from ezdxf.filemanagement import new
 from jaxtyping import Float
 
-from planfit.as_built import AsBuilt, AsBuiltWall, OpeningVerdict, Verdict, in_words, opening_words
+from planfit.as_built import AsBuilt, OpeningVerdict, Verdict, in_words, opening_words
 from planfit.export.bcf import write_bcf
 from planfit.runtime import whole_file, write_whole
 
@@ -53,9 +53,7 @@ def opening_rows(as_built: AsBuilt) -> Iterator[list[Any]]:
         ]
 
 
-def opening_lines(
-    as_built: AsBuilt,
-) -> Iterator[tuple[Float[np.ndarray, "2 2"], dict[str, Any]]]:
+def opening_lines(as_built: AsBuilt) -> Iterator[tuple[Float[np.ndarray, "2 2"], dict[str, Any]]]:
     """Ends, m, plan frame, and properties of the lines of GeoJSON: where each is drawn, and, of those whose
     sides were seen, where it is."""
     for number, opening in enumerate(as_built.openings, start=1):
@@ -93,12 +91,9 @@ def draw_openings(document: Drawing, as_built: AsBuilt, text_height: float) -> N
         space.add_line(tuple(first), tuple(last), dxfattribs=layer)
         if np.isfinite(opening.width_m):
             label = f"{opening.width_m:.2f} m +- {opening.width_sigma_m:.2f}"
-            space.add_text(
-                label, height=text_height, rotation=upright_deg(last - first), dxfattribs=layer
-            ).set_placement(
-                tuple((first + last) / 2),
-                align=TextEntityAlignment.TOP_CENTER,
-            )
+            turn = {"rotation": upright_deg(last - first), "dxfattribs": layer}
+            text = space.add_text(label, height=text_height, **turn)
+            text.set_placement(tuple((first + last) / 2), align=TextEntityAlignment.TOP_CENTER)
 
 
 def opening_layer(verdict: OpeningVerdict) -> str:
@@ -243,15 +238,11 @@ def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None 
         if verdict is Verdict.MOVED:
             first, last = as_built.in_file(wall.ends)
             space.add_line(tuple(first), tuple(last), dxfattribs={"layer": AS_DRAWN_LAYER})
-            space.add_text(
-                _label(wall),
-                height=text_height,
-                rotation=upright_deg(last - first),
-                dxfattribs=layer,
-            ).set_placement(
-                tuple(as_built.in_file(stands).mean(axis=0)),
-                align=TextEntityAlignment.BOTTOM_CENTER,
-            )
+            label = f"{100 * wall.offset_m:+.1f} cm +- {100 * wall.sigma_m:.1f}"
+            turn = {"rotation": upright_deg(last - first), "dxfattribs": layer}
+            text = space.add_text(label, height=text_height, **turn)
+            at = tuple(as_built.in_file(stands).mean(axis=0))
+            text.set_placement(at, align=TextEntityAlignment.BOTTOM_CENTER)
     draw_openings(document, as_built, text_height)
     with whole_file(path) as part:
         document.saveas(part)
@@ -260,10 +251,6 @@ def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None 
 def layer_of(verdict: Verdict) -> str:
     """Name of the layer of a verdict: `AS_BUILT_MOVED`."""
     return f"AS_BUILT_{verdict.name}"
-
-
-def _label(wall: AsBuiltWall) -> str:
-    return f"{100 * wall.offset_m:+.1f} cm +- {100 * wall.sigma_m:.1f}"
 
 
 AS_BUILT_WRITERS: dict[str, Callable[[Path, AsBuilt, float | None], None]] = {

@@ -203,11 +203,7 @@ def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _sample(
-    scan: Scan,
-    frames: Int[np.ndarray, " k"],
-    per_frame: Sequence[int],
-    max_depth_m: float,
-    k: int,
+    scan: Scan, frames: Int[np.ndarray, " k"], per_frame: Sequence[int], max_depth_m: float, k: int
 ) -> Arrays:
     i = int(frames[k])
     depth, image = scan.files.depth(i), color_or_grey(scan, i)

@@ -134,11 +134,7 @@ def write_nerfstudio(
             "transform_matrix": pose.tolist(),
         }
         for frame_id, camera, pose, lacks in zip(
-            scan.frame_ids,
-            scan.cameras,
-            from_opengl(target_from_cams),
-            scan.lacking,
-            strict=True,
+            scan.frame_ids, scan.cameras, from_opengl(target_from_cams), scan.lacking, strict=True
         )
         if lacks != "colour"
     ]

@@ -36,6 +36,12 @@ def finite(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
+def finite_plain(value: Any) -> dict[str, Any]:
+    """A dataclass as `plain` has it, of whose own numbers those that are not finite are None."""
+    fields = plain(value).items()
+    return {name: finite(one) if isinstance(one, float) else one for name, one in fields}
+
+
 def scan_options_record(options: ScanOptions) -> dict[str, Any]:
     """How a scan was read as plain values; relative paths of files would lead nowhere later."""
     values = dataclasses.asdict(options)

@@ -9,7 +9,7 @@ from jaxtyping import Int
 from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
-from planfit.export.option_files import finite, plain
+from planfit.export.option_files import finite, finite_plain, plain
 from planfit.export.tables import registration_record, survey_record
 from planfit.findings import SCHEMA_VERSION, finding_record, sentences_of
 from planfit.floorplan import Floorplan
@@ -43,7 +43,10 @@ def make_record(
         "schema_version": SCHEMA_VERSION,
         "inputs": inputs,
         "options": plain(options),
-        **_scan_record(scan),
+        "scan_format": scan.format,
+        "frames": len(scan),
+        "frames_left_out": list(scan.skipped),
+        "frames_not_decoded": corrupt_frames(scan),
         "plan_faces": None if floorplan is None else len(floorplan),
         "keyframes": len(result.solved_frame_idx),
         "labels_from": result.structure.back_end,
@@ -153,10 +156,7 @@ def _verdict_record(result: RefineResult) -> dict[str, Any]:
         "predicted_error_m": [finite(each) for each in verdict.predicted_error_m.tolist()],
         "frames_without_place": [list(run) for run in evidence.unplaced],
         "worst_predicted_frame": evidence.worst_frame,
-        "stretches": [
-            {name: _finite_or_same(value) for name, value in plain(stretch).items()}
-            for stretch in evidence.stretches
-        ],
+        "stretches": [finite_plain(stretch) for stretch in evidence.stretches],
         "visits": [plain(visit) for visit in evidence.visits],
         "disagreements": [
             {**plain(each), "words": each.sentence} for each in evidence.disagreements
@@ -174,19 +174,6 @@ def _adjusted_record(adjusted: AdjustedAlignment | None) -> dict[str, Any] | Non
         return None
     doubt = "" if adjusted.doubt is None else adjusted.doubt.sentence
     return {**plain(adjusted), "doubt": doubt}
-
-
-def _finite_or_same(value: Any) -> Any:
-    return finite(value) if isinstance(value, float) else value
-
-
-def _scan_record(scan: Scan) -> dict[str, Any]:
-    return {
-        "scan_format": scan.format,
-        "frames": len(scan),
-        "frames_left_out": list(scan.skipped),
-        "frames_not_decoded": corrupt_frames(scan),
-    }
 
 
 def _tracking_record(tracking: Tracking) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.uncertainty import radius_95
-from planfit.export.option_files import finite
+from planfit.export.option_files import finite, finite_plain
 from planfit.findings import sentences_of
 from planfit.pipeline.registration import Registration
 from planfit.pipeline.survey_residuals import contradicted_points
@@ -118,17 +118,7 @@ def _line(name: str, unit: str, numbers: Iterable[float | None], count: int) -> 
 def registration_record(registration: Registration) -> dict[str, Any]:
     """For `run.json`."""
     return {
-        "residuals": [
-            {
-                "name": row.name,
-                "unit": row.unit,
-                "before": finite(row.before),
-                "fit": finite(row.fit),
-                "held_out": finite(row.held_out),
-                "count": row.count,
-            }
-            for row in registration.rows
-        ],
+        "residuals": [finite_plain(row) for row in registration.rows],
         "strength": {
             each.direction: {
                 "sigma": finite(each.sigma),

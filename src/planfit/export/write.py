@@ -40,10 +40,6 @@ def _write_control_points(path: Path, run: Finished) -> None:
         write_survey(path, run.result.survey)
 
 
-def _write_record(path: Path, run: Finished) -> None:
-    path.write_text(record_text(run.record))
-
-
 def record_text(record: dict[str, Any]) -> str:
     """`run.json` of a record."""
     return json.dumps(record, indent=1, allow_nan=False) + "\n"
@@ -63,7 +59,7 @@ FILES: dict[str, Callable[[Path, Finished], object]] = {
     ),
     "registration.csv": lambda path, run: write_registration(path, run.result.registration),
     "control_points.csv": _write_control_points,
-    RECORD: _write_record,
+    RECORD: lambda path, run: path.write_text(record_text(run.record)),
 }
 """Files and folders of a run beside its clouds and pages, by name, in the order in which they are written;
 what each holds is said in docs/outputs.md. Control points are written where there are any, the rest always.

@@ -15,7 +15,6 @@ from planfit.evaluation import (
 )
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
-from planfit.pipeline.on_plan import Storey
 from planfit.pipeline.result import RefineResult
 from planfit.scan.joined import FramesOfScan
 from planfit.segmentation import Structure
@@ -138,7 +137,6 @@ class StoreyMeasures:
     """A storey with its plan, and the part of the scan on it."""
 
     number: int
-    storey: Storey
     floorplan: Floorplan
     """Its faces in the plan frame."""
     both: BeforeAfter
@@ -154,5 +152,5 @@ def measure_storeys(result: RefineResult) -> tuple[StoreyMeasures, ...]:
         frames = result.storeys.of_frames == k
         plan = result.floorplan.of_storey(k)
         both = measure(plan, result, frames=frames)
-        found.append(StoreyMeasures(own.number, result.storeys.walked[k], plan, both))
+        found.append(StoreyMeasures(own.number, plan, both))
     return tuple(found)

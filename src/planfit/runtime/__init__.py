@@ -28,11 +28,11 @@ from planfit.runtime.option_values import options_of as options_of
 from planfit.runtime.option_values import require_kinds as require_kinds
 from planfit.runtime.option_values import whole_number as whole_number
 from planfit.runtime.parallel import SEED as SEED
+from planfit.runtime.parallel import ProgressLine as ProgressLine
 from planfit.runtime.parallel import Runtime as Runtime
 from planfit.runtime.parallel import StageTimer as StageTimer
 from planfit.runtime.parallel import cache_key as cache_key
 from planfit.runtime.parallel import give_back_memory as give_back_memory
-from planfit.runtime.progress_line import ProgressLine as ProgressLine
 from planfit.runtime.short_repr import html_table as html_table
 from planfit.runtime.short_repr import short_html as short_html
 from planfit.runtime.short_repr import short_repr as short_repr

@@ -4,6 +4,7 @@ import ctypes
 import hashlib
 import logging
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -12,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
+from types import TracebackType
 
 from planfit.errors import OutputError, require_positive
 from planfit.runtime.cache_chunks import (
@@ -230,3 +232,34 @@ class StageTimer:
         rest_s = time.perf_counter() - self._begun - sum(self.seconds.values())
         known = {name: value for name, value in self.seconds.items() if name != OTHER}
         return known | {OTHER: self.seconds.get(OTHER, 0.0) + max(rest_s, 0.0)}
+
+
+class ProgressLine:
+    """Says how far each stage is, and leaves no line behind; use as a context, and give it to a `Runtime`.
+
+    Terminals and notebooks write over a line from its beginning; where neither shows it, nothing is said.
+    """
+
+    def __init__(self) -> None:
+        self.is_shown = sys.stderr.isatty() or "ipykernel" in sys.modules
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """As `planfit.runtime.Progress` is called."""
+        self._write(f"planfit: {stage}{f' {done}/{total}' if total else ''}")
+
+    def __enter__(self) -> "ProgressLine":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._write("")
+
+    def _write(self, words: str) -> None:
+        if self.is_shown:
+            width = shutil.get_terminal_size().columns - 1
+            sys.stderr.write(f"\r{words[:width]:<{width}}\r")
+            sys.stderr.flush()

@@ -54,7 +54,8 @@ def whole_file(
             yield part
             part.replace(path)
         except BaseException:
-            _remove(part)
+            with suppress(OSError):  # the error that led here is what is told
+                part.unlink(missing_ok=True)
             raise
 
 
@@ -75,7 +76,8 @@ def whole_folder(
         part = Path(tempfile.mkdtemp(PART, f".{path.name[:100]}.", path.parent))
         with _told(path, part, advice):
             try:
-                part.chmod(_usual_mode(path.parent))
+                # A temporary folder is its owner's alone; a usual one has the rights of that it is in.
+                part.chmod(path.parent.stat().st_mode & 0o777)
                 yield part
                 if path.is_dir():
                     path.rmdir()  # no rename replaces an empty folder on Windows
@@ -93,18 +95,6 @@ def write_whole(path: Path, content: str | bytes) -> None:
     """
     with whole_file(path) as part:
         part.write_bytes(content.encode() if isinstance(content, str) else content)
-
-
-def _usual_mode(folder: Path) -> int:
-    """Rights of a new folder: those of the one that it is in. A temporary one is its owner's alone."""
-    return folder.stat().st_mode & 0o777
-
-
-def _remove(part: Path) -> None:
-    try:
-        part.unlink(missing_ok=True)
-    except OSError:
-        return  # the error that led here is what is told
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +12,8 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.lens import Lens
-from planfit.scan.poses import write_tum
 from planfit.scan.read import check_depth_unit
-from planfit.scan.recording import Frame, Recording, Size, StoredImages
+from planfit.scan.recording import Frame, Recording, Size, StoredImages, write_trajectory
 from planfit.scan.types import Label, Scan, ScanOptions
 from planfit.scan.usable_frames import scan_from_recording
 
@@ -70,15 +68,25 @@ def scan_from_arrays(
         raise ScanError(f"{name}: expected up_world of shape (3,), found {_words(up_world)}")
     if up_world is not None and not 1e-9 < float(np.linalg.norm(up_world)) < np.inf:
         raise ScanError(f"{name}: expected up_world to be a direction, found {up_world}")
+
+    def labels_of(frame: Frame) -> UInt8[np.ndarray, "h w"]:
+        assert labels is not None
+        return labels[int(frame.frame_id)].astype(np.uint8)
+
+    poses = np.asarray(world_from_cams, dtype=float)
+    named = ["" if color is None else f"colors[{i}]" for i, color in enumerate(each_color)]
     recording = Recording(
         format="arrays",
         path=Path(name),
-        frames=_number_frames(times, np.asarray(world_from_cams, dtype=float), each_color),
+        frames=[
+            Frame(f"{i:06d}", float(times[i]), poses[i], named[i], f"depths_m[{i}]")
+            for i in range(n)
+        ],
         images=ArrayImages(each_color, depths_m),
         color_lens=lambda frame, _: Lens(each_camera[int(frame.frame_id)]),
-        write_poses=_write_poses,
+        write_poses=write_trajectory,
         fingerprint="",
-        labels=None if labels is None else partial(_labels_of_frame, labels),
+        labels=None if labels is None else labels_of,
         up_world=None if up_world is None else np.array(up_world) / np.linalg.norm(up_world),
         depth_read_in_m=1.0,
     )
@@ -112,16 +120,6 @@ class ArrayImages(StoredImages):
         return depth_from_metres(self.depths_m[int(frame.frame_id)])
 
 
-def _labels_of_frame(labels: Images, frame: Frame) -> UInt8[np.ndarray, "h w"]:
-    return labels[int(frame.frame_id)].astype(np.uint8)
-
-
-def _write_poses(
-    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
-) -> None:
-    write_tum(directory / "trajectory.tum", np.array([frame.time for frame in frames]), poses)
-
-
 def _count_poses(world_from_cams: np.ndarray, name: str) -> int:
     shape = np.shape(world_from_cams)
     if len(shape) != 3 or shape[1:] != (4, 4):
@@ -150,23 +148,6 @@ def _check(
             raise ScanError(
                 f"{name}: frame {i}: expected {what} as {expected}, found {_words(item)}"
             )
-
-
-def _number_frames(
-    times: Float[np.ndarray, " n"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    colors: Images | Sequence[np.ndarray | None],
-) -> list[Frame]:
-    return [
-        Frame(
-            f"{i:06d}",
-            float(times[i]),
-            pose,
-            "" if colors[i] is None else f"colors[{i}]",
-            f"depths_m[{i}]",
-        )
-        for i, pose in enumerate(world_from_cams)
-    ]
 
 
 def _check_images(

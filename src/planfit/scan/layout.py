@@ -17,7 +17,7 @@ from planfit.scan.images.files import ImageFiles
 from planfit.scan.images.lens import Lens
 from planfit.scan.images.video import Video, VideoImages
 from planfit.scan.recording import Frame, LensOfFrame, Recording, Size
-from planfit.scan.source import FileSource, FolderSource, fingerprint
+from planfit.scan.source import FileSource, FolderSource, ImageSource, fingerprint
 from planfit.scan.tables import has_part
 from planfit.scan.types import ScanOptions
 
@@ -214,10 +214,9 @@ class FolderLayout(ScanFormat, Generic[T]):
         return self.images(plain, listing) if self.images else plain
 
 
-def _linked(source: FileSource, files: Sequence[str]) -> list[str]:
+def _linked(source: ImageSource, files: Sequence[str]) -> list[str]:
     """That links lead out of the scan's folder, which its owner may have wanted, and nobody else."""
-    out = source.linked_out(files) if isinstance(source, FolderSource) else []
-    if not out:
+    if not isinstance(source, FolderSource) or not (out := source.linked_out(files)):
         return []
     return [
         f"{len(out)} of {len(files)} files are read outside of the scan's folder, where links lead ({out[0]} "

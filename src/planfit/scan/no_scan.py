@@ -10,7 +10,6 @@ from planfit.scan.tables import has_part
 
 LOOK_AT = 200
 """So many things in a folder are looked at in search of a scan."""
-NAMED = FEW_NAMED
 ALIKE = (
     ("color", "rgb", "image", "images", "colour", "frames", "cam0"),
     ("depth", "depths", "depth_images", "aligned_depth"),
@@ -22,10 +21,7 @@ _MESH = (
     "a model or a cloud without its frames",
     "give the frames that it was made from (depth and poses: the app's raw data or developer export)",
 )
-_POSES = (
-    "a list, of poses perhaps",
-    "give the scan, and poses beside it with --poses FILE",
-)
+_POSES = ("a list, of poses perhaps", "give the scan, and poses beside it with --poses FILE")
 _PLAN = (
     "what may be a plan",
     "give the scan first: 'planfit refine SCAN FILE -o OUT'; 'planfit plan FILE' shows what is read of it",
@@ -87,8 +83,7 @@ def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
     if kind:
         return ScanError(f"{begin} a file of a {kind} scan; give its folder, {owner.path}")
     what, step = FOREIGN.get(
-        path.suffix.lower(),
-        ("a file", "'planfit help scan-formats' lists what is read"),
+        path.suffix.lower(), ("a file", "'planfit help scan-formats' lists what is read")
     )
     return ScanError(f"{begin} {what}; {step}")
 
@@ -106,8 +101,8 @@ def no_scan_in_folder(
     begin = f"{source.path}: expected a scan, found"
     inside = _scans_inside(source, layouts, own)
     if inside:
-        named = ", ".join(f"{path} ({kind})" for path, kind in inside[:NAMED])
-        more = f" and {len(inside) - NAMED} more" if len(inside) > NAMED else ""
+        named = ", ".join(f"{path} ({kind})" for path, kind in inside[:FEW_NAMED])
+        more = f" and {len(inside) - FEW_NAMED} more" if len(inside) > FEW_NAMED else ""
         which = "one of them" if len(inside) > 1 else "it"
         return ScanError(f"{begin} a folder that holds {named}{more}; give {which}")
     near = nearest(source, layouts)

@@ -72,9 +72,7 @@ class Odometry:
         return np.asarray(rotation), np.asarray(translation)  # one frame's are no arrays yet
 
     def between(
-        self,
-        frame_idx: Int[np.ndarray, " k"],
-        target_from_frames: Float[np.ndarray, "k 4 4"],
+        self, frame_idx: Int[np.ndarray, " k"], target_from_frames: Float[np.ndarray, "k 4 4"]
     ) -> "Odometry":
         """Steps between some of the frames, given the recorded poses of these in any axes."""
         if len(frame_idx) == len(self.cam_from_next) + 1:

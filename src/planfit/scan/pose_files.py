@@ -113,15 +113,11 @@ def parse_poses(content: str, path: Path) -> PoseTable:
 def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> PoseTable:
     """Poses of a table of 8 (TUM), 9 (RTAB-Map's, which adds the node's number), 12 (KITTI) or 16 columns
     (whole matrices, as Replica and programs that render have them)."""
-    if values.shape[1] == 16:
-        poses = values.reshape(-1, 4, 4)
-        if (poses[:, :3, 3] == 0).all() and (poses[:, 3, 3] == 1).all():
+    if values.shape[1] in (12, 16):
+        poses = np.tile(np.eye(4), (len(values), 1, 1))  # of KITTI, the last row is not in the file
+        poses[:, : values.shape[1] // 4] = values.reshape(len(values), -1, 4)
+        if (poses[:, :3, 3] == 0).all() and (poses[:, 3, 3] == 1).all() and values.shape[1] == 16:
             poses = poses.transpose(0, 2, 1)  # by column, as OpenGL and ARKit lay matrices out
-        check_recorded_poses(poses, f"{path}: pose")
-        return PoseTable("kitti", np.arange(len(values)), poses)
-    if values.shape[1] == 12:
-        poses = np.tile(np.eye(4), (len(values), 1, 1))  # the last row is not in the file
-        poses[:, :3] = values.reshape(-1, 3, 4)
         check_recorded_poses(poses, f"{path}: pose")
         return PoseTable("kitti", np.arange(len(values)), poses)
     if values.shape[1] == 8:

@@ -24,6 +24,7 @@ from planfit.scan.images.lens import (
     resample_depth,
     resample_labels,
 )
+from planfit.scan.poses import write_tum
 from planfit.scan.types import Image
 
 Size = tuple[int, int]
@@ -108,6 +109,13 @@ def pinhole_lens(intrinsics: object, where: str) -> LensOfFrame:
         return Lens(make_camera(*size, intrinsics, where))
 
     return lens
+
+
+def write_trajectory(
+    directory: Path, frames: Sequence[Frame], poses: Float[np.ndarray, "k 4 4"]
+) -> None:
+    """Write poses of frames as `trajectory.tum`: a `PoseWriter` for what has no form of its own."""
+    write_tum(directory / "trajectory.tum", np.array([frame.time for frame in frames]), poses)
 
 
 PoseWriter = Callable[[Path, Sequence[Frame], Float[np.ndarray, "k 4 4"]], None]

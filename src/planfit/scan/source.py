@@ -30,21 +30,12 @@ MAX_NAME = 300
 
 
 @runtime_checkable
-class FileSource(Protocol):
-    """Files by name; names are relative, with forward slashes. One that leads elsewhere is refused, whoever
-    asks for it: lists of files name what they like."""
+class ImageSource(Protocol):
+    """Images and other files by name; names are relative, with forward slashes."""
 
     @property
     def path(self) -> Path:
-        """The folder or archive."""
-        ...
-
-    def names(self, folder: str = "") -> list[str]:
-        """Names (without the folder) of the files directly inside a folder, sorted; none where it is not."""
-        ...
-
-    def folders(self) -> list[str]:
-        """Names of the folders at the top, sorted."""
+        """The folder, archive or other file that they lie in."""
         ...
 
     def exists(self, name: str) -> bool:
@@ -71,16 +62,30 @@ class FileSource(Protocol):
         """Size and time of a file, for the fingerprint."""
         ...
 
-    def locate(self, name: str) -> Path:
-        """A path that names a file for good; one that leads into an archive (`runtime.archives`), too."""
-        ...
-
     def on_disk(self, name: str) -> Path:
         """Where the content of a file lies on this disk, for libraries that open nothing but files.
 
         Raises:
             ScanError: it is missing or cannot be unpacked.
         """
+        ...
+
+
+@runtime_checkable
+class FileSource(ImageSource, Protocol):
+    """A folder or archive. A name that leads elsewhere is refused, whoever asks for it: lists of files name
+    what they like."""
+
+    def names(self, folder: str = "") -> list[str]:
+        """Names (without the folder) of the files directly inside a folder, sorted; none where it is not."""
+        ...
+
+    def folders(self) -> list[str]:
+        """Names of the folders at the top, sorted."""
+        ...
+
+    def locate(self, name: str) -> Path:
+        """A path that names a file for good; one that leads into an archive (`runtime.archives`), too."""
         ...
 
 
@@ -379,7 +384,7 @@ def read_text(source: FileSource, name: str) -> str:
         ) from error
 
 
-def fingerprint(source: FileSource, names: Iterable[str], *parts: object) -> str:
+def fingerprint(source: ImageSource, names: Iterable[str], *parts: object) -> str:
     """Changes when any of the files (names, sizes, times) or of the other `parts` does."""
     digest = hashlib.sha256(repr(parts).encode())
     for name in names:

@@ -1,9 +1,11 @@
 """Scans seen through something: corrupt frames left blank, a choice of frames, a sensor corrected."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from threading import Lock
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
@@ -167,41 +169,32 @@ class TolerantFiles(FilesView):
 
     def color(self, frame_idx: int) -> UInt8[np.ndarray, "h w 3"] | None:
         """Colour image, RGB; None where the frame is depth alone."""
-        try:
-            return self.files.color(frame_idx)
-        except ScanError as error:
-            self._note(frame_idx, error)
-        return np.zeros((*self._shape(frame_idx), 3), dtype=np.uint8)
+        return self._or_blank(self.files.color, frame_idx, np.zeros(3, dtype=np.uint8))
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
         """Depth, float32 m, NaN where nothing was measured."""
-        try:
-            return self.files.depth(frame_idx)
-        except ScanError as error:
-            self._note(frame_idx, error)
-        return np.full(self._shape(frame_idx), np.nan, dtype=np.float32)
+        return self._or_blank(self.files.depth, frame_idx, np.array(np.nan, dtype=np.float32))
 
     def labels(self, frame_idx: int) -> UInt8[np.ndarray, "h w"]:
         """Label image of `Label`."""
-        try:
-            return self.files.labels(frame_idx)
-        except ScanError as error:
-            self._note(frame_idx, error)
-        return np.zeros(self._shape(frame_idx), dtype=np.uint8)
+        return self._or_blank(self.files.labels, frame_idx, np.array(0, dtype=np.uint8))
 
     def reasons(self) -> dict[int, str]:
         """Why frames could not be decoded so far, by their indices."""
         with self._lock:
             return dict(self._reasons)
 
-    def _note(self, frame_idx: int, error: ScanError) -> None:
-        with self._lock:
-            self._reasons.setdefault(frame_idx, str(error))
-            if len(self._reasons) > self.max_corrupt:
-                raise error
-
-    def _shape(self, frame_idx: int) -> tuple[int, int]:
-        return self.cameras[frame_idx].height, self.cameras[frame_idx].width
+    def _or_blank(self, read: Callable[[int], Any], frame_idx: int, blank: np.ndarray) -> Any:
+        """What is read of a frame; an image of `blank` where it is corrupt, which is noted."""
+        try:
+            return read(frame_idx)
+        except ScanError as error:
+            with self._lock:
+                self._reasons.setdefault(frame_idx, str(error))
+                if len(self._reasons) > self.max_corrupt:
+                    raise
+        camera = self.cameras[frame_idx]
+        return np.full((camera.height, camera.width, *blank.shape), blank)
 
 
 def _corrupt(files: ScanFiles) -> dict[int, str]:

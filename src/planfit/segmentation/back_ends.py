@@ -120,10 +120,7 @@ class _GeometryBackEnd:
     identity = "geometry"
 
     def __init__(
-        self,
-        scan: Scan,
-        upright_from_cams: Float[np.ndarray, "n 4 4"],
-        submaps: list[Submap],
+        self, scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], submaps: list[Submap]
     ) -> None:
         self._cameras = scan.cameras
         self._upright_from_cams = upright_from_cams
@@ -141,9 +138,7 @@ class _GeometryBackEnd:
 
 
 def geometry_back_end(
-    scan: Scan,
-    upright_from_cams: Float[np.ndarray, "n 4 4"],
-    runtime: Runtime,
+    scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], runtime: Runtime
 ) -> _GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
 
@@ -164,13 +159,7 @@ def geometry_back_end(
         samples = [sample(i) for i in frames]
         tilt_sine = float(np.sin(np.deg2rad(MAX_TILT_DEG)))
         found = build_submap(samples, tilt_sine, _FREE_ABOVE_M, _MIN_WALL_RISE_M)
-        return {
-            "low_xy": found.low_xy,
-            "is_wall": found.is_wall,
-            "n_y": np.array(found.n_y),
-            "floor_m": np.array(found.floor_m),
-            "ceilings_m": found.ceilings_m,
-        }
+        return {name: np.asarray(value) for name, value in vars(found).items()}
 
     key = cache_key(
         scan.fingerprint, "submaps", scan.world_from_cams.tobytes(),
@@ -179,13 +168,7 @@ def geometry_back_end(
     items = runtime.map("what is seen over what", key, -(-n // size), one, chunk_size=1)
     floors = storey_heights(np.array([float(item["floor_m"]) for item in items]))
     submaps = [
-        Submap(
-            low_xy=item["low_xy"],
-            is_wall=item["is_wall"],
-            n_y=int(item["n_y"]),
-            floor_m=float(floor_m),
-            ceilings_m=item["ceilings_m"],
-        )
+        Submap(**{**item, "n_y": int(item["n_y"]), "floor_m": float(floor_m)})  # type: ignore[arg-type]
         for item, floor_m in zip(items, floors, strict=True)
     ]
     return _GeometryBackEnd(scan, upright_from_cams, submaps)
@@ -207,9 +190,7 @@ def _sample_frame(scan: Scan, upright_from_cams: np.ndarray, i: int) -> FrameSam
 
 
 def _label_by_geometry(
-    surfaces: Surfaces,
-    centre: Float[np.ndarray, "3"],
-    submap: Submap,
+    surfaces: Surfaces, centre: Float[np.ndarray, "3"], submap: Submap
 ) -> UInt8[np.ndarray, "h w"]:
     """Labels of a frame's surfaces: floor, wall, ceiling, or none.
 

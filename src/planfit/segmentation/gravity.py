@@ -16,8 +16,6 @@ from planfit.scan.statistics import MAX_FRAMES
 
 _SOFT_DEG = 1.5
 """Normals that are further off than this weigh less and less."""
-_MAX_FRAMES = MAX_FRAMES
-"""Frames looked at, spread evenly over the scan."""
 _MAX_TILT_DEG = 40.0
 """The camera is held upright within this on average; it tells floor and ceiling from walls."""
 _NORMAL_RADIUS_PX, _STEP_PX = 5, 8
@@ -48,7 +46,7 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     """
     if scan.up_world is not None:
         return Gravity(scan.up_world, 1.0, "recorded by the scan's format")
-    frames = np.unique(np.linspace(0, len(scan) - 1, _MAX_FRAMES).astype(int))
+    frames = np.unique(np.linspace(0, len(scan) - 1, MAX_FRAMES).astype(int))
 
     def normals_world(item: int) -> dict[str, np.ndarray]:
         i = int(frames[item])

@@ -47,11 +47,7 @@ def trace_rays(
     """
     nx, ny, nz = hits.shape
     for k in range(len(points)):
-        dx, dy, dz = (
-            points[k, 0] - centre[0],
-            points[k, 1] - centre[1],
-            points[k, 2] - centre[2],
-        )
+        dx, dy, dz = (points[k, 0] - centre[0], points[k, 1] - centre[1], points[k, 2] - centre[2])
         length = np.sqrt(dx * dx + dy * dy)
         if not length < 40.0:  # NaN too
             continue

@@ -158,10 +158,7 @@ def _segment_frame(
 
 
 def _split_patches(
-    points: np.ndarray,
-    upright_from_cam: np.ndarray,
-    size: PatchSize,
-    rng: np.random.Generator,
+    points: np.ndarray, upright_from_cam: np.ndarray, size: PatchSize, rng: np.random.Generator
 ) -> tuple[Arrays, np.ndarray]:
     """Flat upright patches among points (n, 3) m of a frame, and the points (u, 3) on none.
 
@@ -206,11 +203,7 @@ def _sample(
     return camera.lift(uv.astype(float), depth[uv[:, 1], uv[:, 0]])
 
 
-def _gather(
-    items: Sequence[StoredItem],
-    upright_from_cams: np.ndarray,
-    back_end: str,
-) -> Structure:
+def _gather(items: Sequence[StoredItem], upright_from_cams: np.ndarray, back_end: str) -> Structure:
     """What all frames show, with the storey that each stands on."""
     floor = _gather_level(items, "floor")
     height = np.zeros(len(floor))

@@ -7,7 +7,6 @@ from planfit.priors import STOREY_HEIGHT_M, WORKTOP_HEIGHT_M
 from planfit.segmentation.label_kernels import BIN_M
 from planfit.segmentation.types import NO_STOREY
 
-_BIN_M = BIN_M
 _MAX_WORKTOP_M = WORKTOP_HEIGHT_M.value
 _WITHIN_M = 0.2
 """Floors of one storey lie within this of each other, up and down, where poses drift a little."""
@@ -59,8 +58,7 @@ def find_storeys(
 
 
 def number_storeys(
-    floor_heights_m: Float[np.ndarray, " n"],
-    camera_heights_m: Float[np.ndarray, " n"],
+    floor_heights_m: Float[np.ndarray, " n"], camera_heights_m: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, " n"]]:
     """Floors (m) of the storeys that were walked, from the lowest, and which of them each frame stands on.
 
@@ -117,8 +115,8 @@ def storey_heights(floors_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]
 
 def _peaks(of_frame: np.ndarray) -> np.ndarray:
     """Heights (k,) m at which many frames see their floor, at least a storey apart, highest count first."""
-    low = of_frame.min() - _BIN_M
-    edges = np.arange(low, of_frame.max() + 2 * _BIN_M, _BIN_M)
+    low = of_frame.min() - BIN_M
+    edges = np.arange(low, of_frame.max() + 2 * BIN_M, BIN_M)
     counts, _ = np.histogram(of_frame, edges)
     wide = np.convolve(counts, np.ones(7))[3:-3]
     centres = 0.5 * (edges[:-1] + edges[1:])

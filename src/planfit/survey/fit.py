@@ -142,7 +142,7 @@ def other_axes(site: Float[np.ndarray, "p 3"]) -> list[tuple[str, Float[np.ndarr
             "x and y swapped, or one of them negated: the axes are left-handed; x is the easting, y the "
             "northing, z up",
             np.column_stack([y, x, z]),
-        ),
+        )
     ]
     if np.isfinite(z).all():
         found += [

@@ -47,11 +47,7 @@ class SeenTag:
 
 
 def find_tags(
-    scan: Scan,
-    family: str,
-    size_m: float | None,
-    frames: Int[np.ndarray, " k"],
-    runtime: Runtime,
+    scan: Scan, family: str, size_m: float | None, frames: Int[np.ndarray, " k"], runtime: Runtime
 ) -> list[SeenTag]:
     """Each tag seen.
 
@@ -112,10 +108,7 @@ def detect(
 
 
 def _middle(
-    corners: Float[np.ndarray, "4 2"],
-    depth_m: np.ndarray,
-    camera: Camera,
-    size_m: float | None,
+    corners: Float[np.ndarray, "4 2"], depth_m: np.ndarray, camera: Camera, size_m: float | None
 ) -> Float[np.ndarray, "4"] | None:
     """Middle (m) and the sigma of its distance (m) beside that of depth; None where nothing tells it."""
     ray = camera.rays(_crossing(corners)[None])[0]

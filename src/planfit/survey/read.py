@@ -56,10 +56,6 @@ def read_points(path: Path, is_check: bool = False) -> tuple[SurveyPoint, ...]:
                 f"{where}expected one place of point {point.id!r}, found two, "
                 f"{_words(before.xyz)} and {_words(point.xyz)}; leave out the wrong one"
             )
-    if not found:
-        raise OptionError(
-            f"{path}: expected lines {_SHAPE_OF_POINTS}, found none; is it the right file?"
-        )
     return tuple(found.values())
 
 
@@ -93,31 +89,27 @@ def read_marks(path: Path, frame_ids: Sequence[str]) -> tuple[Mark, ...]:
             )
         uv = tuple(_number(row[name], name, where) for name in "uv") if row["u"] else None
         marks.append(Mark(number, row["id"], uv))  # type: ignore[arg-type]
-    if not marks:
-        raise OptionError(
-            f"{path}: expected lines {_SHAPE_OF_MARKS}, found none; is it the right file?"
-        )
     return tuple(marks)
 
 
 def _rows(
     path: Path, names: dict[str, tuple[str, ...]], needed: tuple[str, ...], shape: str
 ) -> list[tuple[int, dict[str, str]]]:
-    """Cells of each line by name, with the number of the line."""
+    """Cells of each line by name, with the number of the line; there is one at least."""
     lines = [
         (k, line)
         for k, line in enumerate(_text(path, shape).splitlines(), 1)
         if line.strip() and not line.lstrip().startswith("#")
     ]
-    if not lines:
-        return []
-    columns = list(names)
-    part = _separator(lines[0][1])
-    header = [cell.lower() for cell in _cells(lines[0][1], part)]
+    columns, head = list(names), lines[0][1] if lines else ""
+    part = next((mark for mark in (";", "\t", ",") if mark in head), None)  # None: blanks
+    header = [cell.lower() for cell in _cells(head, part)]
     known = {alias: name for name, aliases in names.items() for alias in aliases}
     if sum(cell in known for cell in header) >= 2:
         columns = [known.get(cell, cell) for cell in header]
         lines = lines[1:]
+    if not lines:
+        raise OptionError(f"{path}: expected lines {shape}, found none; is it the right file?")
     rows = []
     for k, line in lines:
         cells = _cells(line, part)
@@ -149,11 +141,6 @@ def _text(path: Path, shape: str) -> str:
             f"{path}: expected a table {shape} in plain text (UTF-8), found other data; export it as CSV"
         )
     return text
-
-
-def _separator(line: str) -> str | None:
-    """None: blanks."""
-    return next((mark for mark in (";", "\t", ",") if mark in line), None)
 
 
 def _cells(line: str, part: str | None) -> list[str]:

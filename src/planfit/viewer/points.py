@@ -72,7 +72,7 @@ class PickedPoints:
         """Points of the plan frame (m) in the coordinates at the rim of its picture."""
         assert self.floorplan is not None
         rim = self.floorplan.source.rim_from_plan
-        own = np.array(plan_xy_m) / _metres_per_unit(record)
+        own = np.array(plan_xy_m) / metres_per_unit(record)
         return np.round(own @ rim[:2, :2].T + rim[:2, 2], 4).tolist()
 
     def mark(self, place: Place, record: dict[str, Any]) -> dict[str, Any] | None:
@@ -91,7 +91,7 @@ class PickedPoints:
         if place.is_of_file and source.file_from_plan is not None:
             there_from_plan = source.file_from_plan
         at = np.linalg.inv(there_from_plan) @ np.array([*place.plan, 1.0])
-        scale = _metres_per_unit(record)
+        scale = metres_per_unit(record)
         point = _sensor(record).points(self._lifted[seen][None])[0]
         return {
             "frame": place.frame,
@@ -101,7 +101,8 @@ class PickedPoints:
         }
 
 
-def _metres_per_unit(record: dict[str, Any]) -> Sequence[float]:
+def metres_per_unit(record: dict[str, Any]) -> Sequence[float]:
+    """Of the plan, along x and y, as a run found it."""
     return ((record.get("alignment") or {}).get("metres_per_unit_xy")) or (1.0, 1.0)
 
 
@@ -145,16 +146,13 @@ def shape_from_above(folder: Path, positions: Float[np.ndarray, "n 3"]) -> Float
 
 
 def to_drag(
-    folder: Path,
-    positions: Float[np.ndarray, "n 3"],
-    floorplan: Floorplan,
-    record: dict[str, Any],
+    folder: Path, positions: Float[np.ndarray, "n 3"], floorplan: Floorplan, record: dict[str, Any]
 ) -> dict[str, Any]:
     """What the page drags: points at the rim of the plan, and of the pairs both sides.
 
     Raises: as `shape_from_above`.
     """
-    scale = np.array(((record.get("alignment") or {}).get("metres_per_unit_xy")) or (1.0, 1.0))
+    scale = np.array(metres_per_unit(record))
     rim = floorplan.source.rim_from_plan
     middle = np.append(positions[:, :2].mean(axis=0), np.median(positions[:, 2]))
     angles = np.deg2rad([90.0, 210.0, 330.0])

@@ -15,12 +15,13 @@ import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
-from typing import Any
+from typing import Any, TypeVar
 
 from planfit.errors import OptionError, PlanfitError, printable
 from planfit.runtime import whole_number
 from planfit.viewer.session import Session, as_json, report_page
 
+Value = TypeVar("Value")
 HOST = "127.0.0.1"
 MAX_BODY = 1_000_000
 MAX_DIGITS = 18
@@ -87,14 +88,11 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             return
         name, _, rest = path.partition("/")
+        told = {"state": session.state, "plan": session.plan, "shape": session.shape}
         if path == "":
             self._answer(lambda: page(report_page(session.folder)), "text/html; charset=utf-8")
-        elif path == "state":
-            self._answer(lambda: as_json(session.state()), "application/json")
-        elif path == "plan":
-            self._answer(lambda: as_json(session.plan()), "application/json")
-        elif path == "shape":
-            self._answer(lambda: as_json(session.shape()), "application/json")
+        elif path in told:
+            self._answer(lambda: as_json(told[path]()), "application/json")
         elif name == "frame" and (number := whole_number(rest)) is not None:
             self._answer(lambda: session.image(number), "image/jpeg")
         else:
@@ -109,13 +107,15 @@ class _Handler(BaseHTTPRequestHandler):
         if body is None:
             return
         actions: dict[str, Callable[[], dict[str, Any] | None]] = {
-            "add": lambda: session.add(_word(body, "kind"), _table(body, "entry")),
+            "add": lambda: session.add(_value(body, "kind", str), _value(body, "entry", dict)),
             "remove": lambda: session.remove(
-                _word(body, "kind"), _number(body, "number"), _word(body, "words")
+                _value(body, "kind", str), _value(body, "number", int), _value(body, "words", str)
             ),
             "drag": lambda: session.place_dragged(_tables(body, "pairs")),
             "solve": session.start_solve,
-            "pixel": lambda: session.pixel_of(_number(body, "frame"), _numbers(body, "point", 3)),
+            "pixel": lambda: session.pixel_of(
+                _value(body, "frame", int), _numbers(body, "point", 3)
+            ),
         }
         if path not in actions:
             self._send(404, b"nothing here", "text/plain")
@@ -214,17 +214,14 @@ def _integer(word: str) -> int:
     return int(word)
 
 
-def _word(body: dict[str, Any], key: str) -> str:
-    value = body.get(key)
-    if not isinstance(value, str):
-        raise OptionError(f"expected words for {key}, found {type(value).__name__}")
-    return value
+_KINDS: dict[type, str] = {str: "words", int: "a number", dict: "a table"}
 
 
-def _number(body: dict[str, Any], key: str) -> int:
+def _value(body: dict[str, Any], key: str, kind: type[Value]) -> Value:
+    """One of `_KINDS`."""
     value = body.get(key)
-    if not isinstance(value, int):
-        raise OptionError(f"expected a number for {key}, found {type(value).__name__}")
+    if not isinstance(value, kind):
+        raise OptionError(f"expected {_KINDS[kind]} for {key}, found {type(value).__name__}")
     return value
 
 
@@ -243,10 +240,3 @@ def _tables(body: dict[str, Any], key: str) -> list[dict[str, Any]]:
     if not tables or not all(isinstance(each, dict) for each in tables):
         raise OptionError(f"expected tables for {key}, found {value!r}")
     return tables
-
-
-def _table(body: dict[str, Any], key: str) -> dict[str, Any]:
-    value = body.get(key)
-    if not isinstance(value, dict):
-        raise OptionError(f"expected a table for {key}, found {type(value).__name__}")
-    return value

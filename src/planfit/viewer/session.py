@@ -31,7 +31,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
-from planfit.viewer.points import NOTE, PickedPoints, is_dragged, to_drag
+from planfit.viewer.points import NOTE, PickedPoints, is_dragged, metres_per_unit, to_drag
 
 FILE = "corrections.toml"
 _QUALITY = 88
@@ -126,8 +126,7 @@ class Session:
             return {"faces": [], "path": [], "is_picture": False}
         rim = self.floorplan.source.rim_from_plan
         faces = self.floorplan.ends @ rim[:2, :2].T + rim[:2, 2]
-        record = self._record()
-        scale = ((record.get("alignment") or {}).get("metres_per_unit_xy")) or [1.0, 1.0]
+        scale = metres_per_unit(self._record())
         path = np.zeros((0, 2))
         if (self.folder / "trajectory.tum").exists():
             rows = np.loadtxt(self.folder / "trajectory.tum", ndmin=2)

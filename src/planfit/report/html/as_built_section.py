@@ -1,8 +1,9 @@
-"""The section of the report that holds every wall against its drawing: a map and a table, whose verdicts
-follow a tolerance that is chosen on the page (`as_built.js`)."""
+"""The section of the report that holds every wall and opening against its drawing: a map and tables, whose
+verdicts follow a tolerance that is chosen on the page (`as_built.js`)."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -10,25 +11,23 @@ from jaxtyping import Float
 from planfit.as_built import (
     SURE_SIGMAS,
     AsBuilt,
+    AsBuiltOpening,
     AsBuiltWall,
+    OpeningVerdict,
     Verdict,
     counted,
+    counted_openings,
     deviations,
     in_words,
+    opening_words,
 )
 from planfit.report import formatting
-from planfit.report.html.openings import COLORS as OPENING_COLORS
-from planfit.report.html.openings import (
-    opening_title_text,
-    openings_section,
-    shown_openings,
-    style_of,
-)
-from planfit.report.html.tables import Cell, sortable_table
+from planfit.report.html.tables import Cell, color_keys, sortable_table
 from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace
 
+Drawn = TypeVar("Drawn", AsBuiltWall, AsBuiltOpening)
 COLORS = {
     Verdict.AGREES: colors.AGREES,
     Verdict.MOVED: colors.MOVED,
@@ -51,12 +50,8 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
     """
     options = as_built.options
     # Walls of a campus that the scan does not come near are in the exports, not on the page.
-    touched = crop.touches(np.array([wall.ends for wall in as_built.walls]).reshape(-1, 2, 2))
-    shown = [(k, w) for k, (w, on) in enumerate(zip(as_built.walls, touched, strict=True), 1) if on]
-    keys = " ".join(
-        f'<span class="entry"><span class="key" style="background:{color}"></span>{verdict.value}</span>'
-        for verdict, color in COLORS.items()
-    )
+    shown = _shown(as_built.walls, crop)
+    keys = color_keys((color, verdict.value) for verdict, color in COLORS.items())
     counts = counted([as_built.verdict(wall) for _, wall in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     n_walls = len(deviations(as_built))
@@ -73,7 +68,13 @@ step="0.005" value="{options.tolerance_m:g}" data-sure="{SURE_SIGMAS:g}"> m:</la
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
 {_table(as_built, shown, faces)}</section>
-{openings_section(as_built, crop)}"""
+{_openings_section(as_built, crop)}"""
+
+
+def _shown(drawn: Sequence[Drawn], crop: Crop) -> list[tuple[int, Drawn]]:
+    """Walls or openings of the part of the plan that is shown, with their numbers."""
+    touched = crop.touches(np.array([one.ends for one in drawn]).reshape(-1, 2, 2))
+    return [one for one, on in zip(enumerate(drawn, start=1), touched, strict=True) if on]
 
 
 def _table(
@@ -102,7 +103,7 @@ def _short(face: SeenFace) -> tuple[str, tuple[Cell, ...]]:
     return "", (
         _number(face.number, face.face_idx),
         Cell("too short to tell", "too short to tell"),
-        Cell(formatting.centimetres(face.offset, signed=True), face.offset),
+        _centimetres(face.offset, signed=True),
         none,
         Cell(str(face.n_patches), face.n_patches),
         none,
@@ -131,6 +132,14 @@ def _length(value_m: float) -> Cell:
     return Cell(f"{value_m:.2f}{formatting.SPACE}m", value_m)
 
 
+def _centimetres(value_m: float, is_known: bool = True, signed: bool = False) -> Cell:
+    return Cell(formatting.centimetres(value_m, signed), value_m) if is_known else Cell.empty()
+
+
+def _share(value: float) -> Cell:
+    return Cell(formatting.share(round(value, 2)), value)
+
+
 def _position(x: float, y: float) -> Cell:
     return Cell(f"{x:.1f}, {y:.1f}".replace("-", formatting.MINUS), x)
 
@@ -149,10 +158,10 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
             + (_line(wall.built_ends, crop, "stands") if wall.is_standing else "")
             + "</g>"
         )
-    for number, opening in shown_openings(as_built, crop):
+    for number, opening in _shown(as_built.openings, crop):
         lines.append(
-            f'<g class="{style_of(opening)}">'
-            f"<title>{opening_title_text(number, opening)}</title>"
+            f'<g class="{_opening_style(opening)}">'
+            f"<title>{escape(f'O{number}: {opening_words(opening)}')}</title>"
             f"{_line(opening.built_ends, crop, 'drawn')}</g>"
         )
     strokes = {f"opening-{v.value.replace(' ', '-')}": c for v, c in OPENING_COLORS.items()}
@@ -173,12 +182,9 @@ def _line(ends: Float[np.ndarray, "2 2"], crop: Crop, style: str) -> str:
 
 
 def _rows(
-    as_built: AsBuilt,
-    shown: Sequence[tuple[int, AsBuiltWall]],
-    of_fit: Mapping[int, SeenFace],
+    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], of_fit: Mapping[int, SeenFace]
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
     """Style, attributes and cells of each row."""
-    none = Cell.empty()
     for number, wall in shown:
         verdict = as_built.verdict(wall)
         x, y = map(float, wall.ends.mean(axis=0))
@@ -190,15 +196,11 @@ def _rows(
             (
                 _number(number, wall.face_idx),
                 Cell(escape(verdict.value), verdict.value),
-                Cell(formatting.centimetres(wall.offset_m, signed=True), wall.offset_m)
-                if is_off
-                else none,
-                Cell(formatting.centimetres(wall.sigma_m), wall.sigma_m)
-                if wall.is_standing
-                else none,
+                _centimetres(wall.offset_m, is_off, signed=True),
+                _centimetres(wall.sigma_m, wall.is_standing),
                 Cell(str(wall.n_patches), wall.n_patches),
                 Cell(str(wall.n_frames), wall.n_frames),
-                Cell(formatting.share(round(wall.through_share, 2)), wall.through_share),
+                _share(wall.through_share),
                 _length(wall.length_m),
                 _position(x, y),
                 _solved(of_fit.get(wall.face_idx)),
@@ -217,3 +219,79 @@ def _data(number: int, wall: AsBuiltWall) -> str:
 
 def _style(verdict: Verdict) -> str:
     return f"as-built-{verdict.value.replace(' ', '-')}"
+
+
+OPENING_COLORS = {
+    OpeningVerdict.OPEN: colors.AGREES,
+    OpeningVerdict.CLOSED: colors.BEFORE,
+    OpeningVerdict.NOT_SEEN: colors.NOT_SEEN,
+    OpeningVerdict.NEW: colors.UNMATCHED,
+}
+_OPENING_HEADS = (
+    "No.", "verdict", "width", "sigma", "drawn", "shifted", "looked through", "closed", "frames",
+    "middle x, y (m)",
+)  # fmt: skip
+
+
+def _openings_section(as_built: AsBuilt, crop: Crop) -> str:
+    """Words and the table; nothing where no opening is known.
+
+    Args:
+        as_built: verdicts.
+        crop: part of the plan that is shown.
+    """
+    shown = _shown(as_built.openings, crop)
+    if not shown:
+        return ""
+    counts = counted_openings([opening for _, opening in shown])
+    words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
+    return f"""<section class="openings"><h3>Doors, windows and passages</h3>
+<p>Every gap of a wall that the plan draws: open (cameras look through it), closed (by a
+shut door, which stands back from the wall, or walled up, flush with it on both sides, or by one of both where
+the scan does not tell), or not seen; and openings of walls that the plan draws without. Widths are between
+the sides of the wall as seen, with one standard deviation; "shifted" is along the wall. {words}.</p>
+{sortable_table(_OPENING_HEADS, list(_opening_rows(shown)), "openings")}</section>"""
+
+
+def _opening_style(opening: AsBuiltOpening) -> str:
+    """Class of its row and its line."""
+    verdict = opening.verdict
+    planned = "" if opening.differs else " as-planned"
+    return f"opening opening-{verdict.value.replace(' ', '-')}{planned}"
+
+
+def _verdict_words(opening: AsBuiltOpening) -> str:
+    verdict = opening.verdict
+    if verdict is OpeningVerdict.CLOSED and opening.kind != "window":
+        return f"{verdict.value}: {opening.closed_by.value}"
+    return verdict.value
+
+
+def _opening_rows(
+    shown: Sequence[tuple[int, AsBuiltOpening]],
+) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
+    none = Cell.empty()
+    for number, opening in shown:
+        verdict = opening.verdict
+        x, y = map(float, opening.ends.mean(axis=0))
+        is_measured = bool(np.isfinite(opening.width_m)) and verdict is not OpeningVerdict.CLOSED
+        n_frames = max(opening.n_through_frames, opening.n_surface_frames)
+        kind = f" ({escape(opening.kind)})" if opening.kind else ""
+        yield (
+            _opening_style(opening),
+            "",
+            (
+                Cell(f"O{number}", number),
+                Cell(escape(_verdict_words(opening)) + kind, verdict.value),
+                Cell(formatting.length(opening.width_m), opening.width_m) if is_measured else none,
+                _centimetres(opening.width_sigma_m, is_measured),
+                Cell(formatting.length(opening.drawn_width_m), opening.drawn_width_m)
+                if opening.is_drawn
+                else none,
+                _centimetres(opening.shift_m, is_measured and opening.is_drawn, signed=True),
+                _share(opening.open_share),
+                _share(opening.closed_share),
+                Cell(str(n_frames), n_frames),
+                _position(x, y),
+            ),
+        )

@@ -1,14 +1,14 @@
-"""Two sets of poses side by side: one HTML file that needs nothing else."""
+"""Two sets of poses side by side: what a comparison comes to, in plain sentences, and one HTML file that
+needs nothing else."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 
 from planfit import __version__
-from planfit.evaluation import Comparison, Metric, wall_points
-from planfit.report import comparison_words as words
+from planfit.evaluation import NEAR_FACE_M, Comparison, LocalEvidence, Metric, Witness, wall_points
 from planfit.report import formatting
 from planfit.report.html.page import page_of
 from planfit.report.html.tables import captioned, table, width_pt
@@ -21,6 +21,103 @@ from planfit.report.plots.comparison import (
     draw_seen,
 )
 from planfit.report.plots.overlay import is_wide
+
+_OTHER = {"a": "b", "b": "a"}
+
+
+def conclusion(comparison: Comparison) -> str:
+    """Which of the two the evidence prefers, by what, and where they differ most."""
+    said = {side: [] for side in ("a", "b", "neither")}
+    for witness in comparison.witnesses:
+        said[witness.prefers].append(witness_in_words(witness))
+    preferred = comparison.preferred
+    if not comparison.witnesses:
+        words = "There is no evidence that could prefer one of them."
+    elif preferred != "neither":
+        words = f"The evidence prefers {preferred.upper()}: {_joined(said[preferred])}."
+        if against := said[_OTHER[preferred]]:
+            words += f" But {_joined(against)}."
+    elif said["a"]:
+        words = f"The evidence is divided: {_joined(said['a'])}; but {_joined(said['b'])}."
+    else:
+        words = f"The evidence prefers neither: {_joined(said['neither'])}."
+    return f"{words} {difference_in_words(comparison)}"
+
+
+def witness_in_words(witness: Witness) -> str:
+    """What one witness says: "B fits the plan better (91 % against 84 % of the wall within 0.10 m)"."""
+    metric, side = witness.deciding, witness.prefers
+    who = "B" if side == "b" else "A"
+    first, second = (metric.after, metric.before) if side == "b" else (metric.before, metric.after)
+
+    def both(text: str, shown: Callable[[float], str], end: str) -> str:
+        between = "and" if side == "neither" else "against"
+        return f"{text} ({shown(first)} {between} {shown(second)}{end})"
+
+    if witness.name == "matches":
+        text = f"{who}'s matches lie closer" if side != "neither" else "matches lie equally close"
+        return both(text, lambda v: formatting.length(v / 100), " apart")
+    if witness.name == "plan":
+        text = f"{who} fits the plan better" if side != "neither" else "both fit the plan alike"
+        end = f" of the wall within {NEAR_FACE_M:.2f}{formatting.SPACE}m"
+        return both(text, lambda v: formatting.share(1 - v / 100), end)
+    if witness.name == "map":
+        text = f"{who}'s map is sharper" if side != "neither" else "the maps are equally sharp"
+        unit = metric.unit.replace("cm^2", "cm²")
+        end = f" of {metric.meaning}"
+        return both(text, lambda v: f"{v:.3g}{formatting.SPACE}{unit}", end)
+    text = f"in {who} fewer views contradict each other"
+    if side == "neither":
+        text = "views contradict each other as often"
+    end = " of points looked through"
+    return both(text, lambda v: f"{v:.1f}{formatting.SPACE}%", end)
+
+
+def difference_in_words(comparison: Comparison) -> str:
+    """Where they differ most."""
+    differences = comparison.differences
+    if not comparison.stretches:
+        return "Their poses are the same within two centimetres."
+    first = comparison.stretches[0].stretch
+    where = (
+        f"at frame {first.first}"
+        if first.first == first.last
+        else f"at frames {first.first}-{first.last}"
+    )
+    aligned = ", once brought together as a whole" if differences.is_aligned else ""
+    return (
+        f"They differ most {where}, by {formatting.length(first.max_distance_m)} and "
+        f"{first.max_angle_deg:.1f}{formatting.SPACE}deg{aligned}; over all frames by "
+        f"{formatting.length(differences.rms_m)} RMS."
+    )
+
+
+def whole_in_words(comparison: Comparison) -> str:
+    """How much of the difference is one motion of the whole."""
+    differences = comparison.differences
+    distance_m, angle_deg = differences.whole
+    was = "was" if differences.is_aligned else "would be"
+    return (
+        f"As a whole, B {was} moved by {formatting.length(distance_m)} and {angle_deg:.2f}"
+        f"{formatting.SPACE}deg to lie on A best; {formatting.length(differences.aligned_rms_m)} RMS "
+        "are left then."
+    )
+
+
+def local_in_words(local: LocalEvidence) -> tuple[str, str]:
+    """Matches and wall of a stretch, A against B; a dash where there is too little."""
+    matches = " / ".join(_or_dash(formatting.length(v)) for v in local.match_m)
+    walls = " / ".join(_or_dash(formatting.share(v)) for v in local.near_share)
+    return matches, walls
+
+
+def _or_dash(text: str) -> str:
+    return "–" if text == "n/a" else text
+
+
+def _joined(parts: list[str]) -> str:
+    return parts[0] if len(parts) == 1 else f"{', '.join(parts[:-1])} and {parts[-1]}"
+
 
 _SIDES = {"a": "A", "b": "B", "neither": "neither"}
 _UNITS = {"1": "", "cm^2": "cm²"}
@@ -53,7 +150,7 @@ def make_comparison(
     body = [
         f"<h1>{escape(what.scan)}: A and B</h1>",
         f'<p class="under">{escape(under)}</p>',
-        f'<p class="verdict good">{escape(words.conclusion(comparison))}</p>',
+        f'<p class="verdict good">{escape(conclusion(comparison))}</p>',
         f'<div class="warnings"><h2>Notes</h2><ul>{every_note}</ul></div>' if every_note else "",
         "<h2>What the evidence says</h2>",
         "<p>Each kind of evidence decides by one number; a difference too small to tell prefers neither. "
@@ -132,8 +229,8 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
     )
     style = "stack" if is_wide(crop) else "pair"
     return (
-        f"<h2>Where they differ</h2><p>{escape(words.difference_in_words(comparison))} Distances are {on}. "
-        f"{escape(words.whole_in_words(comparison))}</p>{_stretch_table(comparison)}"
+        f"<h2>Where they differ</h2><p>{escape(difference_in_words(comparison))} Distances are {on}. "
+        f"{escape(whole_in_words(comparison))}</p>{_stretch_table(comparison)}"
         f'<div class="{style}">{paths}{distances}</div>'
         f"<h2>What each makes of the scan</h2><p>{_seen_words(comparison, cloud)}</p>"
         f'<div class="{style}">{"".join(seen)}</div>'
@@ -141,17 +238,15 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
 
 
 def _stretch_table(comparison: Comparison) -> str:
-    rows = []
-    for local in comparison.stretches:
-        stretch = local.stretch
-        rows.append(
-            (
-                f"{stretch.first}-{stretch.last}",
-                formatting.length(stretch.max_distance_m),
-                f"{stretch.max_angle_deg:.1f}{formatting.SPACE}deg",
-                *words.local_in_words(local),
-            )
+    rows = [
+        (
+            f"{local.stretch.first}-{local.stretch.last}",
+            formatting.length(local.stretch.max_distance_m),
+            f"{local.stretch.max_angle_deg:.1f}{formatting.SPACE}deg",
+            *local_in_words(local),
         )
+        for local in comparison.stretches
+    ]
     heads = ("frames", "apart by", "turned by", "matches there, A / B", "wall on plan, A / B")
     return table(heads, rows, "wnnnn") if rows else ""
 

@@ -18,7 +18,12 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.survey_residuals import contradicted_points
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.html import sections, tables
-from planfit.report.html.certainty_section import certainty, disagreement_section
+from planfit.report.html.evidence_sections import (
+    certainty,
+    disagreement_section,
+    registration_section,
+    survey_section,
+)
 from planfit.report.html.overview import (
     close_ups,
     overview,
@@ -26,7 +31,6 @@ from planfit.report.html.overview import (
     storeys_section,
     three_numbers,
 )
-from planfit.report.html.registration_section import registration_section, survey_section
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
 from planfit.report.measures import BeforeAfter, measure, measure_storeys
@@ -185,12 +189,6 @@ def _certainty(shown: Shown) -> str:
     )
 
 
-def _walls(shown: Shown) -> str:
-    if shown.floorplan is None:
-        return ""
-    return sections.walls(shown.floorplan, shown.result, shown.crop, shown.as_built)
-
-
 def _foot(shown: Shown) -> str:
     axes = "as recorded, turned upright" if shown.floorplan is None else "as in the plan"
     return f"<footer>{_made(shown.made)} x and y {axes}, heights above the floor.</footer>"
@@ -281,7 +279,7 @@ SECTIONS: tuple[Section, ...] = (
     lambda shown: sections.fit_and_correction(shown.both),
     lambda shown: sections.sensor_section(shown.result),
     lambda shown: sections.floor(shown.floorplan, shown.both, shown.crop),
-    _walls,
+    lambda shown: sections.walls(shown.floorplan, shown.result, shown.crop, shown.as_built),
     lambda shown: sections.frame_matches(shown.floorplan, shown.both, shown.result, shown.crop),
     _costs_and_time,
     _statistics,

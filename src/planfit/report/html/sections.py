@@ -17,17 +17,8 @@ from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.tables import captioned, plural, side_by_side, sides, table, width_pt
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts, colors, maps
-from planfit.report.plots.charts import (
-    FAR_M,
-    NEAR_M,
-    depth_error_plot,
-    loop_closures_of,
-    matches_by_frame,
-    matches_plot,
-)
 from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
 from planfit.report.plots.drawing import PANEL_PT
-from planfit.report.plots.maps import loop_closure_map
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
 
@@ -93,9 +84,11 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
 
 
 def walls(
-    floorplan: Floorplan, result: RefineResult, crop: Crop, as_built: AsBuilt | None = None
+    floorplan: Floorplan | None, result: RefineResult, crop: Crop, as_built: AsBuilt | None
 ) -> str:
     """Which walls of the plan the fit used, and, where verdicts are given, how each was built."""
+    if floorplan is None:
+        return ""
     n_patches = len(result.structure.walls)
     if n_patches == 0:
         judged = "" if as_built is None else as_built_section(as_built, crop)
@@ -109,13 +102,9 @@ def walls(
         (colors.UNMATCHED, "scanned, but not on the plan"),
         (colors.NOT_SEEN, "not seen"),
     )
-    legend = " ".join(
-        f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
-        for color, words in keys
-    )
     picture = captioned(
         maps.wall_map(floorplan, result, faces, crop, width_pt(crop)),
-        legend,
+        tables.color_keys(keys),
         "Walls of the plan by agreement with the scan",
     )
     html = [
@@ -142,8 +131,8 @@ def frame_matches(
     """Loop closures, and matched points of each keyframe."""
     keyframe_idx, matches = result.solved_frame_idx, result.matches
     n_frames = len(keyframe_idx)
-    loop_closures = loop_closures_of(matches, tables.LOOP_MIN_FRAMES, keyframe_idx)
-    by_frame = matches_by_frame(matches, len(both.after.trajectory))[keyframe_idx]
+    loop_closures = charts.loop_closures_of(matches, tables.LOOP_MIN_FRAMES, keyframe_idx)
+    by_frame = charts.matches_by_frame(matches, len(both.after.trajectory))[keyframe_idx]
     plan_ends = np.zeros((0, 2, 2))
     if floorplan is not None and both.is_aligned:
         plan_ends = floorplan.ends
@@ -157,7 +146,7 @@ def frame_matches(
     )
     pictures = [
         captioned(
-            loop_closure_map(
+            maps.loop_closure_map(
                 plan_ends, both.after.trajectory, loop_closures, crop, PANEL_PT, both.scans
             ),
             f"<strong>Loop closures:</strong> {formatting.count(len(loop_closures))} pairs of frames, more "
@@ -167,7 +156,7 @@ def frame_matches(
             "Verified loop closures from above",
         ),
         captioned(
-            matches_plot(keyframe_idx, by_frame),
+            charts.matches_plot(keyframe_idx, by_frame),
             f"<strong>Matched points of each keyframe.</strong>{none}",
             "Matched points of each keyframe",
         ),
@@ -225,7 +214,7 @@ def sensor_section(result: RefineResult) -> str:
         return ""
     farthest_m = farthest_point_m(result)
     picture = captioned(
-        depth_error_plot(result.calibration, farthest_m),
+        charts.depth_error_plot(result.calibration, farthest_m),
         "<strong>Error of the depth over distance,</strong> as found: before, and after the correction. "
         f"Shaded: one standard deviation. Points were seen up to {farthest_m:.1f}{formatting.SPACE}m.",
         "Error of measured depth over distance, before and after",
@@ -254,8 +243,8 @@ def farthest_point_m(result: RefineResult) -> float:
         ]
     )
     known = depths[np.isfinite(depths)]
-    far = float(np.percentile(known, 99.9)) if len(known) else FAR_M
-    return float(np.clip(far, 2 * NEAR_M, FAR_M))
+    far = float(np.percentile(known, 99.9)) if len(known) else charts.FAR_M
+    return float(np.clip(far, 2 * charts.NEAR_M, charts.FAR_M))
 
 
 def _sensor_words(rows: Sequence[SensorParameter]) -> str:

@@ -2,7 +2,7 @@
 
 import json
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from html import escape
 from typing import Literal
@@ -30,33 +30,28 @@ _TERMS = {
     "columns": "columns",
     "odometry": "recorded motion",
 }
+_CLASSES = {"w": "", "n": ' class="num"'}
+"""Of columns of words and of numbers."""
 _Side = Literal["before", "after"]
 """Of the refinement."""
 
 
-def table(
-    heads: Sequence[str],
-    rows: Sequence[Sequence[str]],
-    kinds: str,
-    row_classes: Sequence[str] | None = None,
-) -> str:
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]], kinds: str) -> str:
     """An HTML table.
 
     Args:
         heads: column titles, plain text.
         rows: cells, HTML.
         kinds: for each column w (words) or n (numbers, aligned to the right).
-        row_classes: CSS class of each row.
     """
-    styles = [' class="num"' if kind == "n" else "" for kind in kinds]
+    styles = [_CLASSES[kind] for kind in kinds]
     head = "".join(
         f'<th scope="col"{style}>{escape(h)}</th>' for h, style in zip(heads, styles, strict=True)
     )
     body = []
-    for i, row in enumerate(rows):
-        of_row = f' class="{row_classes[i]}"' if row_classes and row_classes[i] else ""
+    for row in rows:
         cells = "".join(f"<td{style}>{cell}</td>" for cell, style in zip(row, styles, strict=True))
-        body.append(f"<tr{of_row}>{cells}</tr>")
+        body.append(f"<tr>{cells}</tr>")
     top = f"<thead><tr>{head}</tr></thead>" if any(heads) else ""
     return f'<div class="scroll"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
 
@@ -227,9 +222,7 @@ class Cell:
 
 
 def sortable_table(
-    heads: Sequence[str],
-    rows: Sequence[tuple[str, str, tuple[Cell, ...]]],
-    what: str = "walls",
+    heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Cell, ...]]], what: str = "walls"
 ) -> str:
     """A table whose heads sort it (`page.js`); the second column is words, the others are numbers.
 
@@ -238,23 +231,25 @@ def sortable_table(
         rows: class, more attributes (HTML), and cells of each.
         what: is listed, in words.
     """
-    number = ' class="num"'
-    kinds = [number, "", *[number] * (len(heads) - 2)]
-    head = "".join(
-        f'<th scope="col"{kind}><button type="button">{escape(h)}</button></th>'
-        for h, kind in zip(heads, kinds, strict=True)
-    )
+    kinds = "nw" + "n" * (len(heads) - 2)
     body = "".join(
         f'<tr class="{style}"{f" {more}" if more else ""}>'
-        + "".join(_td(c, k) for c, k in zip(row, kinds, strict=True))
+        + "".join(_td(c, _CLASSES[k]) for c, k in zip(row, kinds, strict=True))
         + "</tr>"
         for style, more, row in rows
     )
     return (
         f'<p class="on-paper">On paper, only {what} that are not as drawn are listed.</p>'
-        f'<div class="walls"><table class="sortable"><thead><tr>{head}</tr></thead>'
+        f'<div class="walls"><table class="sortable">{sortable_head(heads, kinds)}'
         f"<tbody>{body}</tbody></table></div>"
     )
+
+
+def sortable_head(heads: Sequence[str], kinds: str) -> str:
+    """The heads of a table that `page.js` sorts: a button each, where it has a name; kinds as of `table`."""
+    buttons = (f'<button type="button">{escape(head)}</button>' if head else "" for head in heads)
+    cells = (f'<th scope="col"{_CLASSES[k]}>{b}</th>' for k, b in zip(kinds, buttons, strict=True))
+    return f"<thead><tr>{''.join(cells)}</tr></thead>"
 
 
 def _td(cell: Cell, kind: str) -> str:
@@ -262,6 +257,14 @@ def _td(cell: Cell, kind: str) -> str:
         return f'<td{kind} data-key="{escape(cell.key)}">{cell.html}</td>'
     key = "" if np.isinf(cell.key) else f"{cell.key:.6g}"
     return f'<td{kind} data-key="{key}">{cell.html}</td>'
+
+
+def color_keys(entries: Iterable[tuple[str, str]]) -> str:
+    """What colours mean: each, and words (HTML)."""
+    return " ".join(
+        f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
+        for color, words in entries
+    )
 
 
 def plural(count: int, one: str, many: str) -> str:

@@ -2,6 +2,7 @@
 
 from importlib import resources
 
+from planfit.report.html.tables import color_keys
 from planfit.report.plots import colors
 from planfit.report.scene.scene import Scene, encode_levels, scene_json
 
@@ -43,10 +44,7 @@ def view_section(scene: Scene) -> str:
         walls_box = (
             '<label><input class="view-walls" type="checkbox" checked> walls of the plan</label>'
         )
-        key = " ".join(
-            f'<span class="entry"><span class="key" style="background:{color}"></span>{words}</span>'
-            for color, words in _WALL_COLORS
-        )
+        key = color_keys(_WALL_COLORS)
         wall_words = ", or a wall to see its points and how far it is from where it is drawn"
     options = "".join(f'<option value="{value}">{words}</option>' for value, words in colorings)
     sides = "".join(

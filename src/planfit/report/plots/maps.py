@@ -87,10 +87,7 @@ def wall_map(
     _, ends = wall_patches_in_plan(result.structure.walls, result.plan_from_cams)
     axes.lines(floorplan.ends, colors.NOT_SEEN, 0.7)
     axes.lines(ends[result.adjustment.association.face_idx < 0], colors.UNMATCHED, 1.2)
-    for is_moved, color, line_pt in (
-        (False, colors.AGREES, 1.8),
-        (True, colors.MOVED, 2.2),
-    ):
+    for is_moved, color, line_pt in ((False, colors.AGREES, 1.8), (True, colors.MOVED, 2.2)):
         chosen = [face.face_idx for face in faces if face.is_moved == is_moved]
         axes.lines(floorplan.ends[chosen], color, line_pt)
     for face in faces:

@@ -1,15 +1,27 @@
-"""A scan from above before anything is done to it: what stands at eye height, the path, gaps and jumps."""
+"""Pictures from above before anything is adjusted: what stands at eye height of a scan, with its path, gaps
+and jumps; and an alignment of the scan with the plan, scanned wall over the faces."""
+
+import textwrap
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from planfit.alignment import AlignmentHypothesis, WallSamples
+from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.report.plots import colors
 from planfit.report.plots.axes import LEGEND_PT, Entry
 from planfit.report.plots.drawing import PANEL_PT, Words
 from planfit.report.plots.raster import to_png
-from planfit.report.plots.top_view import Crop, draw_path, draw_points, draw_scale, new_view
+from planfit.report.plots.top_view import (
+    Crop,
+    draw_path,
+    draw_points,
+    draw_scale,
+    finish_view,
+    new_view,
+)
 
 LOW_M, HIGH_M = -1.1, 0.5
 """Heights against the camera between which points are drawn: walls and furniture, no floor and no ceiling."""
@@ -86,3 +98,44 @@ def _path_height(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
     few = centres[:: max(1, len(centres) // 500)]
     _, nearest = KDTree(few[:, :2]).query(points[:, :2])
     return few[nearest, 2]
+
+
+WIDTH_PT, MIN_WIDTH_PT = 648, 320
+MARGIN = 0.04
+"""Free space around the plan, as a share of its extent."""
+_LINE_PT, _LETTER_PT = 12, 5.5
+
+
+def draw_alignment(
+    floorplan: Floorplan, walls: WallSamples, hypothesis: AlignmentHypothesis, title: str
+) -> bytes:
+    """PNG of scanned wall, aligned, over the whole plan.
+
+    Args:
+        floorplan: in metres, at the scale of this hypothesis.
+        walls: samples, level frame.
+        hypothesis: where they go.
+        title: a line or two above the picture.
+    """
+    plan_from_level = hypothesis.plan_from_level
+    rotation, translation = plan_from_level[:2, :2], plan_from_level[:2, 3]
+    xy = walls.xy @ rotation.T + translation
+    everything = np.concatenate([floorplan.ends.reshape(-1, 2), xy])
+    margin_m = MARGIN * float(np.ptp(everything, axis=0).max())
+    # A strip of a plan is widened, so that axes and legend have room.
+    crop = Crop.around([everything], [], margin_m, (0.25, 4.0))
+    width = float(np.clip(WIDTH_PT / crop.height_per_width, MIN_WIDTH_PT, WIDTH_PT))
+    lines = textwrap.wrap(title, int(width / _LETTER_PT))
+    drawing, axes = new_view(crop, width, _LINE_PT * len(lines) + LEGEND_PT + 6)
+    axes.lines(floorplan.ends, colors.INK, 0.7)
+    # Samples are a decimetre apart: dots as wide as that at least, and wide enough to be seen.
+    dot_pt = max(2.0, 0.1 * axes.box.size[0] / float(crop.size[0]))
+    axes.squares(xy, colors.AFTER, dot_pt, opacity=0.75)
+    entries: list[Entry] = [("plan", colors.INK, "-"), ("scanned wall", colors.AFTER, "s")]
+    if walls.seen_from is not None:
+        axes.squares(walls.seen_from @ rotation.T + translation, colors.PATH, 2.0)
+        entries.append(("cameras", colors.PATH, "s"))
+    finish_view(axes, True, entries)
+    for k, line in enumerate(lines, start=1):
+        drawing.items.append(Words(line, (axes.box.left, _LINE_PT * k), colors.INK, is_bold=True))
+    return to_png(drawing)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.adjust.uncertainty import radius_95
-from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
+from planfit.as_built import AsBuilt, Verdict, in_words
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
@@ -77,7 +77,6 @@ def make_scene(
         after=sides[1],
         points=ScenePoints(points_cam, colors, start, distances),
         frames=_frames(scan, result, is_placed),
-        is_placed=is_placed,
         keyframe_idx=_drawn_cameras(result),
         walls=() if plan is None else scene_walls(plan, result, bounds, as_built),
         pictures=pictures,
@@ -204,9 +203,8 @@ def scene_walls(
     # What was seen through a window is further away than nearly all points, and in the table all the same.
     near[list(seen)] = True
     if as_built is not None:
-        near[[w.face_idx for w in as_built.walls if w.face_idx >= 0 and _is_told(as_built, w)]] = (
-            True
-        )
+        told = [w for w in as_built.walls if as_built.verdict(w) is not Verdict.NOT_SEEN]
+        near[[wall.face_idx for wall in told if wall.face_idx >= 0]] = True
     shown = np.flatnonzero(near & (floorplan.lengths >= _LEAST_LENGTH_M))
     walls = (_wall(floorplan, result, int(face), seen.get(int(face))) for face in shown)
     if as_built is None:
@@ -214,10 +212,6 @@ def scene_walls(
     # Of several storeys nothing tells the floor that a new wall stands on.
     new = _new_walls(as_built) if floorplan.storeys is None else ()
     return (*_with_verdicts(walls, as_built), *new)
-
-
-def _is_told(as_built: AsBuilt, wall: AsBuiltWall) -> bool:
-    return as_built.verdict(wall) is not Verdict.NOT_SEEN
 
 
 def _with_verdicts(walls: Iterable[SceneWall], as_built: AsBuilt) -> Iterator[SceneWall]:

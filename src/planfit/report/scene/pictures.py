@@ -23,10 +23,7 @@ def frames_with_pictures(n_frames: int, max_pictures: int) -> Int[np.ndarray, " 
 
 
 def make_pictures(
-    scan: Scan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    max_pictures: int,
-    runtime: Runtime,
+    scan: Scan, plan_from_cams: Float[np.ndarray, "n 4 4"], max_pictures: int, runtime: Runtime
 ) -> dict[int, bytes]:
     """JPEGs by frame: colour, or nearness in grey where a frame has none; turned so that up is up."""
     chosen = frames_with_pictures(len(scan), max_pictures)

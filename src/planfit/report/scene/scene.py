@@ -115,8 +115,6 @@ class Scene:
     """plan_from_cams"""
     points: ScenePoints
     frames: tuple[SceneFrame, ...]
-    is_placed: Bool[np.ndarray, " n"]
-    """Whether anything says where a frame stands."""
     keyframe_idx: Int[np.ndarray, " k"]
     """Frames that are drawn as little cameras."""
     walls: tuple[SceneWall, ...]
@@ -194,9 +192,7 @@ def encode_levels(points: ScenePoints) -> list[str]:
     return in_threads(encode, range(n_others + 1))
 
 
-def tile_frames(
-    points: ScenePoints,
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+def tile_frames(points: ScenePoints) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Origin of each frame's points (m) and metres of a step, single precision: cam = origin + step * q."""
     n_frames = len(points.start) - 1
     low = np.zeros((n_frames, 3), dtype=np.float32)

@@ -20,24 +20,30 @@ from planfit.scan.formats.bag_messages import (
     depth_of_message,
     has_lens_file,
 )
-from planfit.scan.formats.bag_poses import Transforms, fixed_transform, poses_of_bag, read_tf
+from planfit.scan.formats.bag_poses import (
+    Transforms,
+    fixed_transform,
+    poses_of_bag,
+    read_tf,
+    seconds,
+)
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import WholeFile
 from planfit.scan.lens_file import read_lens
-from planfit.scan.poses import join_times, write_tum
-from planfit.scan.recording import Frame, LensOfFrame, Recording, Size, StoredImages
+from planfit.scan.poses import join_times
+from planfit.scan.recording import (
+    Frame,
+    LensOfFrame,
+    Recording,
+    Size,
+    StoredImages,
+    write_trajectory,
+)
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.timed_lists import image_lacked
 from planfit.scan.types import ScanOptions
 
 EXPECTED = "a bag"
-
-
-@dataclass(frozen=True)
-class BagSource:
-    """A bag, which its own library reads."""
-
-    path: Path
 
 
 def _is_bag_folder(path: Path) -> bool:
@@ -115,7 +121,7 @@ class BagImages(StoredImages):
             found = self._reader.messages([stamp.connection], stamp.log_ns, stamp.log_ns + 1)
             for connection, _, data in found:
                 message = self._reader.deserialize(data, connection.msgtype)
-                if header_time(message) == stamp.time:
+                if seconds(message.header.stamp) == stamp.time:
                     return message
         raise ScanError(
             f"{stamp.connection.topic}: expected a message at {stamp.time:.6f} s, found none; "
@@ -123,19 +129,12 @@ class BagImages(StoredImages):
         )
 
 
-def header_time(message: Any) -> float:
-    """Seconds of a message's header."""
-    stamp = message.header.stamp
-    return stamp.sec + stamp.nanosec * 1e-9
-
-
-def read(source: BagSource, options: ScanOptions) -> Recording:
+def read(path: Path, options: ScanOptions) -> Recording:
     """List a scan.
 
     Raises:
         ScanError: topics are missing, or their times never match.
     """
-    path = source.path
     reader = open_bag(path)
     try:
         return _read(path, reader, options)
@@ -164,14 +163,6 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         _size(depth_of_message(listing.first[topics.depth], topics.depth)),
     )
     color_lens, depth_lens = _lenses(listing.first, topics, sizes, options)
-
-    def write_poses(
-        directory: Path, written: Sequence[Frame], refined: Float[np.ndarray, "k 4 4"]
-    ) -> None:
-        write_tum(
-            directory / "trajectory.tum", np.array([frame.time for frame in written]), refined
-        )
-
     return Recording(
         format="bag",
         path=path,
@@ -192,7 +183,7 @@ def _read(path: Path, reader: Any, options: ScanOptions) -> Recording:
         color_lens=color_lens,
         depth_lens=depth_lens,
         color_from_depth=color_from_depth,
-        write_poses=write_poses,
+        write_poses=write_trajectory,
         fingerprint=_fingerprint(path, options),
         skipped=[f"frame at {time:.6f} s: no pose" for time in times[~known]],
         warnings=[*warnings, *mount_warnings],
@@ -211,7 +202,9 @@ def _list_messages(path: Path, reader: Any, topics: Topics) -> TopicMessages:
         message = reader.deserialize(data, connection.msgtype)
         first.setdefault(connection.topic, message)
         if connection.msgtype in IMAGE_TYPES:
-            stamps[connection.topic].append(Stamp(header_time(message), log_ns, connection))
+            stamps[connection.topic].append(
+                Stamp(seconds(message.header.stamp), log_ns, connection)
+            )
     for topic in wanted:
         if topic not in first:
             raise ScanError(
@@ -361,6 +354,6 @@ two cameras. Refined poses are written as `trajectory.tum`, world_from_cam: a ba
     ),
     suffixes=(".bag", ".mcap", ".db3"),
     claims_folder=_is_bag_folder,
-    open=BagSource,
+    open=lambda path: path,
     read=read,
 )

@@ -132,7 +132,7 @@ def read_tf(reader: Any) -> Transforms:
             edge = tree.setdefault(child, Edge(parent, connection.topic.endswith("tf_static")))
             if edge.parent != parent:
                 continue  # two nodes quarrel over a frame; the first one's word stands
-            edge.times.append(_seconds(item.header.stamp))
+            edge.times.append(seconds(item.header.stamp))
             edge.parent_from_child.append(
                 _transform(item.transform.translation, item.transform.rotation)
             )
@@ -192,14 +192,15 @@ def _read_topic(reader: Any, topic: str) -> tuple[Edge, str]:
             pose = getattr(message, "pose", None) or message.transform
             items = [(message.header.stamp, getattr(pose, "pose", pose))]
         for stamp, pose in items:
-            edge.times.append(_seconds(stamp))
+            edge.times.append(seconds(stamp))
             translation = pose.position if hasattr(pose, "position") else pose.translation
             rotation = pose.orientation if hasattr(pose, "orientation") else pose.rotation
             edge.parent_from_child.append(_transform(translation, rotation))
     return edge, child
 
 
-def _seconds(stamp: Any) -> float:
+def seconds(stamp: Any) -> float:
+    """Of a time of ROS."""
     return stamp.sec + stamp.nanosec * 1e-9
 
 

@@ -12,7 +12,7 @@ from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
 from planfit.scan.images.decode import decode_image, header_size
 from planfit.scan.images.lens import Lens
-from planfit.scan.layout import FolderLayout, Listing, each_frame
+from planfit.scan.layout import FolderLayout, Listing
 from planfit.scan.pairing import TextPoses, read_camera
 from planfit.scan.poses import UP_Y, read_pose
 from planfit.scan.recording import Frame, Size
@@ -115,10 +115,6 @@ def _check_counts(source: FileSource, frame_ids: list[str], has_color: bool) -> 
         )
 
 
-def _lens(listing: Listing[dict[str, Camera]], frame: Frame, _: Size) -> Lens:
-    return Lens(listing.content[frame.frame_id])
-
-
 def _stem(frame: Frame) -> str:
     return PurePosixPath(frame.color).stem or f"frame-{frame.frame_id}"
 
@@ -204,7 +200,7 @@ The plan shares the world's axes. Plan points are (x, -z), so that x, y and up s
     told_by=lambda source: FRAMES in source.folders(),
     frames=_frames,
     can_scale_depth=False,
-    lens=each_frame(_lens),
+    lens=lambda listing: lambda frame, _: Lens(listing.content[frame.frame_id]),
     write=POSES.write,
     labels=_labels,
     up_world=UP_WORLD,

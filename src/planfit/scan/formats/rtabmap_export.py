@@ -113,11 +113,6 @@ def _base_from_cam(text: str, where: str) -> Float[np.ndarray, "4 4"]:
     return base_from_cam
 
 
-def _lens(listing: Listing[_Export]) -> LensOfFrame:
-    lens_of = listing.content.lens_of
-    return lambda frame, size: lens_of[frame.frame_id](frame, size)
-
-
 def _write(refined: Refined[_Export]) -> None:
     export, path = refined.content, refined.directory / refined.content.poses_name
     ids = [frame.frame_id for frame in refined.frames]
@@ -151,6 +146,6 @@ of this too. Refined poses are written as such a list.
     told_by=lambda source: _prefix(source) is not None,
     parts=("rgb/", "depth/", "calib/", "camera_poses.txt"),
     frames=_frames,
-    lens=_lens,
+    lens=lambda listing: lambda frame, size: listing.content.lens_of[frame.frame_id](frame, size),
     write=_write,
 )

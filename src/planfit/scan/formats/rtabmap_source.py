@@ -27,8 +27,8 @@ from planfit.scan.images.decode import (
     depth_from_raw,
     header_size,
 )
+from planfit.scan.images.files import PackedSource
 from planfit.scan.images.lens import MAX_SIZE_PX
-from planfit.scan.packed_source import PackedSource
 from planfit.scan.source import MAX_ENTRY_BYTES, fingerprint_of_file
 from planfit.scan.tables import shorten
 
@@ -107,21 +107,13 @@ class DatabaseSource(PackedSource):
             yield copy
             copy.commit()
 
-    def names(self, folder: str = "") -> list[str]:
-        """See `FileSource`: numbers of the nodes that have the blob."""
-        return sorted(self._lengths.get(folder, {}), key=int)
-
-    def folders(self) -> list[str]:
-        """See `FileSource`."""
-        return sorted(FOLDERS)
-
     def exists(self, name: str) -> bool:
-        """See `FileSource`."""
+        """See `ImageSource`."""
         folder, _, number = name.partition("/")
         return number in self._lengths.get(folder, {})
 
     def stamp(self, name: str) -> str:
-        """See `FileSource`: that of the whole file."""
+        """See `ImageSource`: that of the whole file."""
         return f"{self.n_bytes(name)} {self._stamp}"
 
     @cached_property

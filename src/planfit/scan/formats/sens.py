@@ -13,10 +13,9 @@ from jaxtyping import Float, UInt8
 from planfit.errors import ScanError
 from planfit.scan.formats.scannet import NUMBERED_POSES, check_extrinsics
 from planfit.scan.images.decode import decode_color, depth_from_raw
-from planfit.scan.images.files import ImageFiles
+from planfit.scan.images.files import ImageFiles, PackedSource
 from planfit.scan.images.lens import MAX_SIZE_PX, matrix_intrinsics
 from planfit.scan.layout import WholeFile
-from planfit.scan.packed_source import PackedSource
 from planfit.scan.poses import check_recorded_pose
 from planfit.scan.recording import Frame, Recording, Size, pinhole_lens
 from planfit.scan.source import MAX_ENTRY_BYTES, fingerprint, fingerprint_of_file
@@ -80,25 +79,15 @@ class SensSource(PackedSource):
         except OSError as error:
             raise ScanError(f"{path}: cannot be read ({error.strerror})") from error
 
-    def names(self, folder: str = "") -> list[str]:
-        """See `FileSource`: numbers of the frames that have the image."""
-        if folder not in ("color", "depth"):
-            return []
-        return [str(i) for i, frame in enumerate(self.frames) if frame.n_bytes[folder]]
-
-    def folders(self) -> list[str]:
-        """See `FileSource`."""
-        return ["color", "depth"]
-
     def exists(self, name: str) -> bool:
-        """See `FileSource`."""
+        """See `ImageSource`."""
         folder, _, number = name.partition("/")
         if folder not in ("color", "depth") or not number.isdecimal():
             return False
         return int(number) < len(self.frames) and self.frames[int(number)].n_bytes[folder] > 0
 
     def stamp(self, name: str) -> str:
-        """See `FileSource`: that of the whole file."""
+        """See `ImageSource`: that of the whole file."""
         return f"{self._place(name)} {self._stamp}"
 
     def n_bytes(self, name: str) -> int:

@@ -1,7 +1,10 @@
-"""Images that are files of a folder or archive: what is there, of what size, and whether it is whole."""
+"""Images that are files of a folder or archive, and those within one file, a container or a database: what is
+there, of what size, and whether it is whole."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -18,14 +21,14 @@ from planfit.scan.images.decode import (
     read_exr,
 )
 from planfit.scan.recording import Frame, Size
-from planfit.scan.source import FileSource
+from planfit.scan.source import HEAD_BYTES, TAIL_BYTES, ImageSource
 
 
 @dataclass(frozen=True)
 class ImageFiles:
     """`StoredImages` where each image is a file, by the names that frames have."""
 
-    source: FileSource
+    source: ImageSource
     metres_per_unit: float
     """Of the stored depth."""
     min_confidence: int = 0
@@ -104,7 +107,7 @@ def drop_unsure(
     depth[confidence < least] = np.nan
 
 
-def whole_image_size(source: FileSource, name: str) -> Size:
+def whole_image_size(source: ImageSource, name: str) -> Size:
     """Size of an image file that begins and ends as images do.
 
     Raises:
@@ -129,3 +132,41 @@ def whole_image_size(source: FileSource, name: str) -> Size:
             "copy it again from the source"
         )
     return size
+
+
+class PackedSource(ABC):
+    """One file as a place where images lie, `folder/number`, each read alone: a container or a database."""
+
+    path: Path
+    kind: str
+    """What the file is, for messages."""
+
+    @abstractmethod
+    def n_bytes(self, name: str) -> int:
+        """Length of an image.
+
+        Raises:
+            ScanError: there is none of this name.
+        """
+
+    @abstractmethod
+    def part(self, name: str, begin: int, count: int) -> bytes:
+        """Some bytes of an image.
+
+        Raises:
+            ScanError: they cannot be read.
+        """
+
+    def read(self, name: str) -> bytes:
+        """See `ImageSource`."""
+        return self.part(name, 0, self.n_bytes(name))
+
+    def ends(self, name: str) -> tuple[bytes, bytes]:
+        """See `ImageSource`; the rest of the image stays on the disk."""
+        length = self.n_bytes(name)
+        tail = min(length, TAIL_BYTES)
+        return self.part(name, 0, min(length, HEAD_BYTES)), self.part(name, length - tail, tail)
+
+    def on_disk(self, name: str) -> Path:
+        """See `ImageSource`; no image of these formats needs it."""
+        raise ScanError(f"{self.path}: expected {name} as a file, found it in a {self.kind}")

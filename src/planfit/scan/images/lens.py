@@ -217,9 +217,4 @@ def matrix_intrinsics(
     """
     if matrix.shape not in ((3, 3), (4, 4)):
         raise ScanError(f"{where}: expected a 3x3 matrix of intrinsics, found shape {matrix.shape}")
-    return (
-        float(matrix[0, 0]),
-        float(matrix[1, 1]),
-        float(matrix[0, 2]),
-        float(matrix[1, 2]),
-    )
+    return (float(matrix[0, 0]), float(matrix[1, 1]), float(matrix[0, 2]), float(matrix[1, 2]))

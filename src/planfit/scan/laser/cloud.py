@@ -159,10 +159,7 @@ def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | Non
 
 
 def _fitting(
-    file: CloudFile,
-    times: Float[np.ndarray, " n"],
-    trajectory: Trajectory,
-    offset_s: float | None,
+    file: CloudFile, times: Float[np.ndarray, " n"], trajectory: Trajectory, offset_s: float | None
 ) -> list[ClockRelation]:
     """Relations that put times, which are seconds, inside those of the trajectory."""
     if offset_s is not None:
@@ -191,16 +188,17 @@ def _candidates(
     middle = float(np.median(times))
     if clock.gps_offset_s is not None:
         full = clock.gps_offset_s
-        found.append(ClockRelation(full, f"{clock.words} against GPS seconds"))
-        found.append(ClockRelation(full + unix, f"{clock.words} against Unix time"))
-        found.append(
-            ClockRelation(
-                full + UNIX_OF_GPS_S, f"{clock.words} against Unix time without leap seconds"
-            )
-        )
         week = np.floor((middle + full) / WEEK_S) * WEEK_S
-        found.append(ClockRelation(full - week, f"{clock.words} against seconds of the GPS week"))
-        found.append(ClockRelation(full - 1e9, f"{clock.words} against GPS seconds less a billion"))
+        found += [
+            ClockRelation(full + shift, f"{clock.words} against {words}")
+            for shift, words in (
+                (0.0, "GPS seconds"),
+                (unix, "Unix time"),
+                (UNIX_OF_GPS_S, "Unix time without leap seconds"),
+                (-week, "seconds of the GPS week"),
+                (-1e9, "GPS seconds less a billion"),
+            )
+        ]
     if clock.is_gps_week and times.min() >= 0 and times.max() <= 2 * WEEK_S:
         for shift, words in (
             (0.0, "GPS seconds"),

@@ -73,7 +73,7 @@ class Faces:
         ]  # fmt: skip
 
     def depth(
-        self, points: Float32[np.ndarray, "n 3"], k: int, face: int, is_filled: bool = True
+        self, points: Float32[np.ndarray, "n 3"], k: int, face: int
     ) -> Float32[np.ndarray, "h w"]:
         """Depth image (m, NaN where nothing is seen) of an instant's points (m, relative to its centre)."""
         camera = self.camera
@@ -81,7 +81,7 @@ class Faces:
         image = splat(
             points, rotation, camera.fx, camera.cx, camera.cy, camera.height, camera.width
         )
-        return fill_holes(image, self.hole_px) if is_filled else image
+        return fill_holes(image, self.hole_px)
 
 
 def choose_faces(

@@ -37,10 +37,8 @@ class Instants:
     """s of the trajectory's clock: the mean of the points."""
     centres: Float[np.ndarray, "k 3"]
     """m, where the scanner was then."""
-    n_points: Int[np.ndarray, " k"]
-    n_left_out: int
-    """Points of the cloud that take no part: no pose at their time, noise, or too far away."""
     n_total: int
+    """Points of the cloud."""
     n_without_pose: int
     """Of those, points at times that the trajectory does not cover."""
     _store: "_Store"
@@ -135,8 +133,6 @@ def _finished(file: CloudFile, trajectory: Trajectory, store: "_Store", tally: _
     return Instants(
         times=times,
         centres=centres,
-        n_points=tally.counts[kept],
-        n_left_out=tally.n_total - int(tally.counts[kept].sum()),
         n_total=tally.n_total,
         n_without_pose=tally.n_total - tally.n_posed,
         _store=store.finished(kept, centres),

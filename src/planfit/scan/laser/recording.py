@@ -17,13 +17,7 @@ from planfit.scan.laser.cloud import CHUNK_POINTS, ClockRelation, CloudFile, rel
 from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces, find_up
 from planfit.scan.laser.instants import Instants, cut
 from planfit.scan.laser.kernels import move_by_time
-from planfit.scan.laser.trajectory import (
-    Columns,
-    Trajectory,
-    clock_unit,
-    in_order,
-    read_trajectory,
-)
+from planfit.scan.laser.trajectory import Columns, Trajectory, clock_unit, in_order, read_trajectory
 from planfit.scan.recording import Frame, Recording, Size, StoredImages
 from planfit.scan.source import FolderSource, fingerprint
 from planfit.scan.types import ScanOptions

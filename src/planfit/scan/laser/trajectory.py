@@ -52,11 +52,6 @@ class Trajectory:
     """Of times in the file, which do not say their unit."""
 
     @property
-    def has_rotation(self) -> bool:
-        """Whether rotations are recorded."""
-        return "qw" in self.columns or "r00" in self.columns
-
-    @property
     def warnings(self) -> tuple[str, ...]:
         """What of the file is not used, or taken in another unit."""
         unit = (
@@ -111,17 +106,7 @@ def read_trajectory(path: Path) -> Trajectory:
     Raises:
         ScanError: it is missing, of another form, or leaves open what its columns mean.
     """
-    return parse_trajectory(_read_text(path), path)
-
-
-def parse_trajectory(text: str, path: Path) -> Trajectory:
-    """As `read_trajectory`, of the text of a file; `path` is where it came from, for messages.
-
-    Raises:
-        ScanError: it is of another form, or leaves open what its columns mean.
-    """
-    table = parse_columns(text, path)
-    return in_order(path, table)
+    return in_order(path, parse_columns(_read_text(path), path))
 
 
 def in_order(path: Path, table: Columns) -> Trajectory:
