@@ -36,7 +36,7 @@ def opening_element(floorplan: Floorplan, gap: Gap) -> tuple[str, str]:
     if source.opening_lines is None or source.file_from_plan is None or not source.opening_names:
         return "", ""
     plan_from_file = np.linalg.inv(source.file_from_plan)
-    lines = source.opening_lines @ plan_from_file[:2, :2].T + plan_from_file[:2, 2]
+    lines = segments.moved(source.opening_lines, plan_from_file)
     relative = lines.mean(axis=1) - gap.ends.mean(axis=0)
     across, along = np.abs(relative @ gap.normal), np.linalg.norm(relative, axis=1)
     is_of = (across < gap.thickness_m / 2 + NEAR_M) & (along < gap.width_m / 2)
@@ -55,7 +55,7 @@ def _element_lines(floorplan: Floorplan) -> Int[np.ndarray, " f"]:
         return found
     file_from_plan = source.file_from_plan
     units_per_metre = float(np.sqrt(abs(np.linalg.det(file_from_plan[:2, :2]))))
-    ends = floorplan.ends @ file_from_plan[:2, :2].T + file_from_plan[:2, 2]
+    ends = segments.moved(floorplan.ends, file_from_plan)
     at = np.flatnonzero(segments.lengths(source.element_lines) > 0)
     lines = source.element_lines[at]
     middles = shapely.points(ends.mean(axis=1))

@@ -31,6 +31,11 @@ class _PlanUnit:
     metres: float | None
     """Metres of one unit; None where it is unknown."""
 
+    @property
+    def scale(self) -> float:
+        """From the file's coordinates to those of the plan: metres where the unit is known, else the same."""
+        return 1.0 if self.metres is None else self.metres
+
 
 @dataclass(frozen=True)
 class PlanOptions(Changeable):

@@ -1,11 +1,11 @@
 """Several plans on one sheet: groups of walls whose extents stay apart."""
 
 import numpy as np
-import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.near_lines import connected_groups
 
 MOST_STOREYS = 8
 """More plans than this are not drawn on one sheet: windows of a facade, houses of a site plan are."""
@@ -281,10 +281,9 @@ def _overlapping(
             shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]), dtype=object
         )
         a, b = shapely.STRtree(extents).query(extents, predicate="intersects")
-        graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names), len(names)))
-        count, of = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        of = connected_groups(a, b, len(names))
         group = of[group]
-        if count == len(names):
+        if of.max() + 1 == len(names):
             return group
 
 

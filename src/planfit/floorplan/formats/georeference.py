@@ -11,6 +11,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD
+from planfit.geometry import segments
 
 WORLD_SUFFIXES = {
     ".png": (".pgw", ".pngw"), ".jpg": (".jgw", ".jpgw"), ".jpeg": (".jgw", ".jpegw", ".jpgw"),
@@ -137,7 +138,7 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
     """
     assert floorplan.source.file_from_plan is not None
     map_from_plan = georeference.map_from_pixel @ floorplan.source.file_from_plan
-    corners = floorplan.ends.reshape(-1, 2) @ map_from_plan[:2, :2].T + map_from_plan[:2, 2]
+    corners = segments.moved(floorplan.ends.reshape(-1, 2), map_from_plan)
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     metres = _metres_per_unit(georeference, corners)
     size = float((extent * metres).max())

@@ -35,8 +35,7 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
     """
     points, normals, is_oriented = _surface(path)
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "assumed")
-    scale = 1.0 if unit.metres is None else unit.metres
-    points = points * scale
+    points = points * unit.scale
     is_glb = path.suffix.lower() in (".glb", ".gltf")
     axis = 1 if is_glb else _vertical_axis(points, normals)
     horizontal = {0: (1, 2), 1: (0, 2), 2: (0, 1)}[axis]
@@ -59,7 +58,7 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
         else "found from the floor's surface, positive end up"
     )
     rows = np.zeros((3, 3))
-    rows[:2, :2] = np.diag(flip / scale)
+    rows[:2, :2] = np.diag(flip / unit.scale)
     rows[2, 2] = 1.0
     return Floorplan(
         str(path), lines.ends, lines.normals, np.full(len(lines.ends), is_oriented),
@@ -71,7 +70,7 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
             dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,
-            drawn_lines=_dashes(xy, across) / scale * flip,
+            drawn_lines=_dashes(xy, across) / unit.scale * flip,
         ),
     )  # fmt: skip
 

@@ -59,7 +59,7 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
         raise FloorplanError(f"{path}: expected finite coordinates, found NaN or other values")
     ends = values.astype(float).reshape(-1, 2, 2) * (1.0, -1.0)
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the format")
-    metres = 1.0 if unit.metres is None else unit.metres
+    metres = unit.scale
     floorplan = Floorplan.from_segments(
         ends * metres,
         name=str(path),

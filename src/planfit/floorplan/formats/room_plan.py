@@ -87,7 +87,7 @@ def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> 
         )
     normals, is_oriented = _sides(ends, _floor(path, content, storey))
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the format")
-    metres = 1.0 if unit.metres is None else unit.metres
+    metres = unit.scale
     curved = sum(wall.is_curved for wall in walls)
     warnings = [f"{curved} curved walls were read as straight"] if curved else []
     if fronts:

@@ -61,10 +61,7 @@ def choose(
     return mixed if worth(mixed) > (1.0 + LEAST_SHARE) * most else ranked[0]
 
 
-def with_paler_walls(
-    alone: Interpretation,
-    darkness: Float[np.ndarray, "h w"],
-) -> Interpretation:
+def with_paler_walls(alone: Interpretation, darkness: Float[np.ndarray, "h w"]) -> Interpretation:
     """Walls that seem to be all that is drawn, with those of other styles where much of the ink is no wall.
 
     Args:

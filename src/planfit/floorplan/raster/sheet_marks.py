@@ -158,9 +158,7 @@ def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
     return all(side.mean() > 0.9 for side in sides)
 
 
-def without_signs(
-    image_bgr: UInt8[np.ndarray, "h w 3"],
-) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
+def without_signs(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
     """The picture with what is in safety colours as white paper, where it has those of an escape plan; and
     whether it has."""
     colour = _colourful(image_bgr)

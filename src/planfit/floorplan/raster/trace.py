@@ -9,6 +9,7 @@ import shapely
 from jaxtyping import Float, Int, UInt8
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.line_work import outlines
 from planfit.floorplan.vector.regions import RegionFaces
 from planfit.geometry import segments
 
@@ -57,11 +58,8 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
 
 def straight_length(region: shapely.Polygon, least_px: float) -> float:
     """Length of a polygon's edges that are at least so long."""
-    total = 0.0
-    for ring in (region.exterior, *region.interiors):
-        length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)
-        total += float(length[length >= least_px].sum())
-    return total
+    length = segments.lengths(outlines([region]))
+    return float(length[length >= least_px].sum())
 
 
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:

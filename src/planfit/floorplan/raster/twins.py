@@ -3,10 +3,9 @@
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
 
+from planfit.floorplan.vector.line_work import edges_of_areas
 from planfit.geometry import segments
 
 _TWIN_NEAR = 8.0
@@ -32,7 +31,8 @@ def twin_share(mask: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]) -> f
         mask: 1 on strokes.
         regions: polygons around them, pixels.
     """
-    ends = _edges(regions)
+    ends = edges_of_areas(regions)
+    ends = ends[segments.lengths(ends) > _LEAST_EDGE_PX]
     if len(ends) == 0:
         return 1.0
     length, normals = segments.lengths(ends), -segments.left_normals(ends)
@@ -53,20 +53,6 @@ def twin_share(mask: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]) -> f
         return 1.0
     is_thin = thickness <= np.median(thickness[is_stroke])
     return float(is_twin[is_thin].mean())
-
-
-def _edges(regions: list[BaseGeometry]) -> Float[np.ndarray, "n 2 2"]:
-    """Edges of polygons, the inside to their left."""
-    parts = [np.zeros((0, 2, 2))]
-    for region in regions:
-        if not isinstance(region, Polygon):
-            continue
-        polygon = orient(region)
-        for ring in (polygon.exterior, *polygon.interiors):
-            points = np.asarray(ring.coords)[:, :2]
-            parts.append(np.stack([points[:-1], points[1:]], axis=1))
-    ends = np.concatenate(parts)
-    return ends[segments.lengths(ends) > _LEAST_EDGE_PX]
 
 
 def _along(

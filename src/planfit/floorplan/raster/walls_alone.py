@@ -82,9 +82,7 @@ def _finely(
     return [affinity.affine_transform(region, matrix) for region in regions]
 
 
-def _parted(
-    regions: list[BaseGeometry],
-) -> tuple[list[shapely.Polygon], list[shapely.Polygon]]:
+def _parted(regions: list[BaseGeometry]) -> tuple[list[shapely.Polygon], list[shapely.Polygon]]:
     """Walls and specks."""
     shapes = [region for region in regions if isinstance(region, shapely.Polygon)]
     if not shapes:

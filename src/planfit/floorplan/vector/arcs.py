@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
@@ -113,15 +113,7 @@ def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[n
     normals = segments.left_normals(ends[is_face])
     # The outer one of the two looks away from the centre.
     side = np.sign(np.einsum("ni,ni->n", normals, outwards)) * np.sign(gap[is_face])
-    n = int(is_face.sum())
-    faces = LineFaces(
-        ends[is_face],
-        normals * side[:, None],
-        np.ones(n, bool),
-        np.abs(gap[is_face]),
-        np.full(n, -1),
-    )
-    return faces, found
+    return LineFaces.oriented(ends[is_face], normals * side[:, None], np.abs(gap[is_face])), found
 
 
 def _arcs(

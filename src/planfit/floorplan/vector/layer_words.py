@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.findings.plan_kinds import MAX_NAMED
-from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.geometry import segments

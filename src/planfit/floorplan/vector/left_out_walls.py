@@ -4,11 +4,10 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 
-from planfit.floorplan.faces import line_strings, weighted_median
+from planfit.floorplan.faces import PARALLEL_SINE, line_strings
 from planfit.floorplan.near_lines import ends_that_meet, groups_within
 from planfit.floorplan.plausible import COMPARE
-from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import PARALLEL_SINE, LineFaces
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.line_work import cut_out
 from planfit.floorplan.vector.single_lines import BESIDE_REACH, NETWORK, body_of_faces
 from planfit.geometry import segments
@@ -52,8 +51,8 @@ def _lines_between_walls(
     while len(left) not in (0, count):
         count = len(left)
         others = np.concatenate([line_strings(left), walls])
-        reach = np.full(count, BESIDE_REACH * extent)
-        left = left[ends_that_meet(left, np.arange(count), others, reach).all(axis=1)]
+        meets = ends_that_meet(left, np.arange(count), others, BESIDE_REACH * extent)
+        left = left[meets.all(axis=1)]
     if len(left) == 0:
         return left
     # What touches no wall by any other line is a frame, or furniture.
@@ -68,9 +67,7 @@ def _are_panes(
     """Lines in line with a wall that ends at them: panes and sills of a window in its gap."""
     along, normal = segments.directions(ends), segments.left_normals(faces.ends)
     is_parallel = np.abs(along @ normal.T) < PARALLEL_SINE
-    known = np.isfinite(faces.thickness)
-    length = segments.lengths(faces.ends)
-    usual = weighted_median(faces.thickness[known], length[known]) if known.any() else 0.0
+    usual = faces.usual_thickness or 0.0
     offset = np.einsum("nj,nj->n", normal, faces.ends[:, 0])
     is_in_line = np.abs(ends.mean(axis=1) @ normal.T - offset) < usual + reach
     strings, walls = line_strings(ends), line_strings(faces.ends)

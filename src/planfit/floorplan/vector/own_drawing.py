@@ -16,7 +16,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import SHORTEST_SHARE, Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_words import length_words
-from planfit.floorplan.vector.line_work import longest, moved
+from planfit.floorplan.vector.line_work import longest
 from planfit.floorplan.vector.units import unit_of_drawing
 from planfit.geometry import segments
 
@@ -86,8 +86,8 @@ def plan_of_own_drawing(
             dropped=_dropped(drawing, is_other, metres),
             warnings=warnings,
             file_from_plan=file_from_drawing @ np.diag([1 / scale, 1 / scale, 1.0]),
-            drawn_lines=moved(longest(ends), file_from_drawing),
-            dropped_lines=moved(longest(drawing.lines.ends[is_other]), file_from_drawing),
+            drawn_lines=segments.moved(longest(ends), file_from_drawing),
+            dropped_lines=segments.moved(longest(drawing.lines.ends[is_other]), file_from_drawing),
         ),
     )
 

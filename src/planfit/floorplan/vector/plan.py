@@ -9,21 +9,15 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.plans_on_sheet import MOST_STOREYS, storey_number, storeys_warning
-from planfit.floorplan.plausible import (
-    are_closed_rooms,
-    closed_shares,
-    closed_words,
-    sketch_words,
-)
+from planfit.floorplan.plausible import are_closed_rooms, closed_shares, closed_words, sketch_words
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
-from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
@@ -116,7 +110,7 @@ def plan_of_drawing(
             drawn_lines=drawn,
             dropped_lines=left_out,
             opening_kinds=walls.opening_kinds,
-            opening_lines=moved(walls.openings, file_from_drawing),
+            opening_lines=segments.moved(walls.openings, file_from_drawing),
             opening_names=walls.opening_names,
             opening_ids=("",) * len(walls.opening_names),
         ),
@@ -190,7 +184,7 @@ def _walls_and_unit(
     walls = first = walls_of_drawing(drawing, roles, said)
     _require_walls(walls, path, drawing)
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
-    unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls), bars)
+    unit = unit_of_drawing(drawing, path, options, size, walls.faces.usual_thickness, bars)
     if unit.metres_per_unit is not None and unit.metres_per_unit != said:
         again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
         walls = again if len(again.faces.ends) else walls
@@ -221,22 +215,13 @@ def _require_walls(walls: DrawnWalls, path: Path, drawing: VectorDrawing) -> Non
 
 def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: UnitFound) -> tuple[str, ...]:
     """Whether lines that look like walls where nothing is known of the unit are none in this one."""
-    apart = _usual_thickness(first)
+    apart = first.faces.usual_thickness
     if unit.metres_per_unit is None or apart is None or walls.faces.is_oriented.any():
         return ()
     return (
         f"with {unit.unit} as the unit, no two lines are as near as the faces of a wall; if those "
         f"{apart * unit.metres_per_unit:.2g} m apart are walls, the unit is wrong: give --unit",
     )
-
-
-def _usual_thickness(walls: DrawnWalls) -> float | None:
-    """Median over the length of the faces."""
-    known = np.isfinite(walls.faces.thickness)
-    if not known.any():
-        return None
-    length = segments.lengths(walls.faces.ends[known])
-    return weighted_median(walls.faces.thickness[known], length)
 
 
 def _origin(ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "2"]:
@@ -273,4 +258,5 @@ def shown_lines(
     ends = drawing.lines.ends
     kept = np.concatenate([ends[~is_left_out], outlines(by_role[0])])
     left = np.concatenate([ends[is_left_out], outlines(by_role[1]), apart])
-    return moved(longest(kept), file_from_drawing), moved(longest(left), file_from_drawing)
+    drawn, left_out = (segments.moved(longest(each), file_from_drawing) for each in (kept, left))
+    return drawn, left_out

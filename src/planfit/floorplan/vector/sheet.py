@@ -302,12 +302,7 @@ def _extension_lines(
     result = np.zeros(len(lines), dtype=bool)
     if len(line) == 0:
         return result
-    others = np.asarray(strings, dtype=object)[~is_known]
-    names = np.flatnonzero(~is_known)
-    ends = np.asarray(shapely.points(lines.ends[line].reshape(-1, 2)), dtype=object)
-    i, j = shapely.STRtree(others).query(ends, predicate="dwithin", distance=0.1 * reach)
-    meets = np.zeros(2 * len(line), dtype=bool)
-    is_other = ~np.isin(names[j], line)
-    meets[i[is_other]] = True
-    result[line[~meets.reshape(-1, 2).any(axis=1)]] = True
+    others = np.delete(strings, np.union1d(np.flatnonzero(is_known), line))
+    meets = ends_that_meet(lines.ends[line], np.full(len(line), -1), others, 0.1 * reach)
+    result[line[~meets.any(axis=1)]] = True
     return result

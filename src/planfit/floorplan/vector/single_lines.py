@@ -5,10 +5,10 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import covered_lengths, find_partners, line_strings
+from planfit.floorplan.faces import PARALLEL_SINE, covered_lengths, find_partners, line_strings
 from planfit.floorplan.near_lines import groups_within
-from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import PARALLEL_SINE, LineFaces, Thickness
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
+from planfit.floorplan.vector.double_lines import Thickness
 from planfit.floorplan.vector.line_work import cut_out, ends_of
 from planfit.geometry import segments
 
@@ -86,7 +86,7 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
         extent: of the drawing.
     """
     if len(candidates) == 0:
-        return LineFaces.together([])
+        return LineFaces.of_parts([])
     rest = candidates.cut(*cut_out(candidates.ends, body_of_faces(faces, extent), 0.01 * extent))
     length = segments.lengths(rest.ends)
     is_long = length > 0.02 * extent
@@ -114,11 +114,9 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
     others = rest.ends[np.setdiff1d(own, at)]
     around = _around_faces(others, candidates.ends, faces, extent)
     ends = np.concatenate([rest.ends[at], around])
-    n = len(ends)
-    line = np.array([], dtype=int) if n == 0 else _nearest_line(candidates.ends, ends)
-    return LineFaces(
-        ends, segments.left_normals(ends), np.zeros(n, dtype=bool), np.full(n, np.nan), line
-    )
+    if len(ends) == 0:
+        return LineFaces.of_parts([])
+    return LineFaces.without_a_side(ends, _nearest_line(candidates.ends, ends))
 
 
 def _are_of_rooms(

@@ -6,10 +6,9 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.plans_on_sheet import find_storeys, storey_words
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.drawing import EDGE
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.geometry import segments
@@ -57,10 +56,7 @@ def storeys_of_drawing(
     body = shapely.transform(body_of_faces(faces, extent), lambda xy: (xy - origin) * page)
     walls = np.array(shapely.get_parts(body), dtype=object)
     known = np.isfinite(faces.thickness)
-    thickness = THIN * extent
-    if known.any():
-        length = segments.lengths(faces.ends[known])
-        thickness = weighted_median(faces.thickness[known], length)
+    thickness = faces.usual_thickness or THIN * extent
     is_short = segments.lengths(lines) < LONGEST_PANE * extent
     drawn = np.concatenate([(lines[is_short] - origin) * page, (faces.ends - origin) * page])
     gaps = (openings - origin) * page

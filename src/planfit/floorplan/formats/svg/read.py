@@ -8,11 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 from svgelements import (
     SVG,
+    Arc,
+    Close,
+    CubicBezier,
     Group,
     Matrix,
+    Move,
+    QuadraticBezier,
     Shape,
     Use,
 )
@@ -22,7 +28,6 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.svg.paths import sub_paths, xy_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
     PARSE_ERRORS,
@@ -36,6 +41,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
@@ -353,3 +359,35 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))
     scale = float(np.sqrt(abs(matrix.a * matrix.d - matrix.b * matrix.c)))
     builder.texts.append(Text(text, xy_of(at), height * scale, builder.layer(layer)))
+
+
+def sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
+    result = SubPaths()
+    for segment in path.segments(transformed=True):
+        if isinstance(segment, Move):
+            result.move(xy_of(segment.end))
+            continue
+        if segment.end is None:
+            continue
+        if not len(result):
+            result.move(xy_of(segment.start))
+        if isinstance(segment, Close):
+            result.close()
+        elif isinstance(segment, QuadraticBezier):
+            start, control, end = (xy_of(p) for p in (segment.start, segment.control, segment.end))
+            thirds = [(start + 2 * control) / 3, (end + 2 * control) / 3]
+            result.cubic(np.array([start, *thirds, end]))
+        elif isinstance(segment, Arc | CubicBezier):
+            is_arc = isinstance(segment, Arc)
+            for cubic in segment.as_cubic_curves() if is_arc else [segment]:
+                corners = (cubic.start, cubic.control1, cubic.control2, cubic.end)
+                result.cubic(np.array([xy_of(p) for p in corners]))
+        else:
+            result.line(xy_of(segment.end))
+    return result.found()
+
+
+def xy_of(point) -> Float[np.ndarray, "2"]:
+    """A point of svgelements, y up."""
+    return np.array([point.x, -point.y], dtype=float)
