@@ -123,7 +123,7 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
     before = floorplan.lengths.sum()
     kept = np.ones(len(floorplan), dtype=bool)
-    kept[_found(floorplan, segments.moved(edits.drop, plan_from_rim), name)] = False
+    kept[faces_at(floorplan, edits.drop, name)] = False
     plan = _taken(floorplan, np.flatnonzero(kept), floorplan.ends[kept])
     if edits.keep and len(plan.ends):
         corners = [segments.moved(c, plan_from_rim) for c in edits.keep]
@@ -157,7 +157,21 @@ def faces_at(
         FloorplanError: one does not; the message begins with `name`.
     """
     plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
-    return _found(floorplan, segments.moved(ends, plan_from_rim), name)
+    near = SAME_SHARE * max(floorplan.size)
+    found = []
+    for each in segments.moved(ends, plan_from_rim):
+        apart = np.minimum(
+            np.abs(floorplan.ends - each).max(axis=(1, 2)),
+            np.abs(floorplan.ends - each[::-1]).max(axis=(1, 2)),
+        )
+        if apart.min() > near:
+            raise FloorplanError(
+                f"{name}: expected a face from {np.round(each[0], 3).tolist()} to "
+                f"{np.round(each[1], 3).tolist()} (plan frame) to leave out, found none; the plan is read "
+                "otherwise than when the edits were made: make them again"
+            )
+        found.append(int(apart.argmin()))
+    return np.array(found, dtype=int)
 
 
 def _ends(values: object) -> Float[np.ndarray, "n 2 2"]:
@@ -179,43 +193,13 @@ def _region(values: object) -> Float[np.ndarray, "k 2"]:
     return corners
 
 
-def _found(floorplan: Floorplan, ends: Float[np.ndarray, "d 2 2"], name: str) -> np.ndarray:
-    """Indices of the faces that lie at these ends.
-
-    Raises:
-        FloorplanError: one does not.
-    """
-    near = SAME_SHARE * max(floorplan.size)
-    found = []
-    for each in ends:
-        apart = np.minimum(
-            np.abs(floorplan.ends - each).max(axis=(1, 2)),
-            np.abs(floorplan.ends - each[::-1]).max(axis=(1, 2)),
-        )
-        if apart.min() > near:
-            raise FloorplanError(
-                f"{name}: expected a face from {np.round(each[0], 3).tolist()} to "
-                f"{np.round(each[1], 3).tolist()} (plan frame) to leave out, found none; the plan is read "
-                "otherwise than when the edits were made: make them again"
-            )
-        found.append(int(apart.argmin()))
-    return np.array(found, dtype=int)
-
-
 def _taken(floorplan: Floorplan, of: np.ndarray, ends: Float[np.ndarray, "n 2 2"]) -> Floorplan:
-    """Parts of faces: `ends` of each, and the face it is of. May have none."""
-    changed = {
-        "ends": ends,
-        "normals": floorplan.normals[of],
-        "is_oriented": floorplan.is_oriented[of],
-        "thickness": None if floorplan.thickness is None else floorplan.thickness[of],
-        "storeys": None if floorplan.storeys is None else floorplan.storeys[of],
-    }
+    """Parts of faces: `ends` of each, and the face it is of."""
     if len(ends) == 0:
         raise FloorplanError(
             f"{floorplan.name}: expected edits that leave a wall, found none left; keep more"
         )
-    return replace(floorplan, **changed)
+    return floorplan.take(of, ends=ends)
 
 
 def _within(floorplan: Floorplan, region: BaseGeometry) -> Floorplan:
