@@ -5,15 +5,13 @@ import shapely
 from jaxtyping import Bool, Int
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.gaps import Gap
+from planfit.floorplan.gaps import PARALLEL, Gap
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 
 NEAR_M = 0.03
 """From the middle of a face to the outline of its element: readers close seams between walls, and simplify
 lines."""
-PARALLEL = 0.99
-"""Cosine between normals of faces that are taken for parallel: 8 degrees."""
 
 
 def element_ids(floorplan: Floorplan) -> tuple[str, ...]:

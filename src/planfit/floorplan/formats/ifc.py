@@ -13,8 +13,8 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.elements import are_glass
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.georeference import map_conversion
 from planfit.floorplan.formats.ifc_openings import find_openings, is_glass_element
-from planfit.floorplan.formats.ifc_places import map_conversion
 from planfit.floorplan.options import PlanOptions, name_of_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import longest, outlines

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.dxf_blocks import MAX_ENTITIES
+from planfit.floorplan.formats.dxf_contents import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_paths import Clips, hidden_layers, layer_of, matrix_of, sub_paths
 from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.options import PlanOptions

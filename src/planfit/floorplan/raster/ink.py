@@ -7,9 +7,10 @@ import numpy as np
 import shapely
 from jaxtyping import Float, UInt8
 
-from planfit.floorplan.raster.candidates import LINE, WallStyle
+from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.line_work import outlines
 from planfit.geometry import segments
@@ -48,7 +49,7 @@ def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"])
         interpretation: in pixels of `small`.
         small: darkness that walls were looked for in.
     """
-    ink = (small > LINE).astype(np.uint8)
+    ink = (small > DARK).astype(np.uint8)
     left = ink & (1 - _near_walls(interpretation, ink.shape))
     share = 1.0 - float(left.sum()) / max(float(ink.sum()), 1.0)
     contours, _ = cv2.findContours(left, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)

@@ -10,8 +10,8 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.floorplan.columns import ELONGATED
-from planfit.floorplan.elements import PARALLEL
 from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.gaps import PARALLEL
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import straight_length, trace_regions
 from planfit.floorplan.vector.line_work import outlines

@@ -16,19 +16,14 @@ from planfit.floorplan.plans_on_sheet import (
     storey_words,
     storeys_warning,
 )
-from planfit.floorplan.raster.candidates import (
-    LINE,
-    Candidate,
-    WallStyle,
-    find_candidates,
-    find_extent,
-)
-from planfit.floorplan.raster.choice import choose, with_paler_walls
-from planfit.floorplan.raster.doubts import find_doubts, surroundings_words
+from planfit.floorplan.plausible import find_doubts
+from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candidates, find_extent
+from planfit.floorplan.raster.choice import choose, find_walls_alone, with_paler_walls
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
+    DARK,
     Upright,
     check_size,
     content_box,
@@ -41,12 +36,12 @@ from planfit.floorplan.raster.picture import (
 from planfit.floorplan.raster.sheet_marks import (
     SIGN_WORDS,
     photograph_words,
+    surroundings_words,
     without_bars,
     without_frame,
     without_signs,
 )
 from planfit.floorplan.raster.trace import settle_faces, straight_length
-from planfit.floorplan.raster.walls_alone import find_walls_alone
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
 from planfit.geometry import segments
@@ -59,7 +54,7 @@ TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 differ by less than a pixel there, and no least thickness in pixels parts them."""
 LINES_ENLARGED = 2
 """Pictures whose walls are lines one pixel wide are enlarged so many times, the least that parts lines."""
-FAINT_LINE = 0.5 * LINE
+FAINT_LINE = 0.5 * DARK
 """Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
 be dark: between two plans is blank paper."""
 _UNKNOWN_SCALE = (
@@ -147,7 +142,7 @@ def _interpreted(
     alone = find_walls_alone(small, upright.darkness)
     if alone is not None:
         return small, with_paler_walls(alone, small)
-    ink = (small > LINE).astype(np.uint8)
+    ink = (small > DARK).astype(np.uint8)
     return small, choose(find_candidates(small), find_extent(small), ink)
 
 

@@ -32,9 +32,21 @@ class Circle:
     centre: Float[np.ndarray, "2"]
     radius: float
 
+    def apart(self, points: Float[np.ndarray, "n 2"]) -> float:
+        """How far the furthest of some points is from it."""
+        return float(np.abs(np.linalg.norm(points - self.centre, axis=1) - self.radius).max())
+
 
 def fit_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
     """Where all points lie on one within `ROUND`; None where they do not, as on a line."""
+    circle = nearest_circle(points)
+    if circle is None or circle.radius == 0:
+        return None
+    return circle if circle.apart(points) <= ROUND * circle.radius else None
+
+
+def nearest_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
+    """The circle of least squares; None of points on a line."""
     middle = points.mean(axis=0)
     local = points - middle
     # |p|^2 = 2 c p + r^2 - |c|^2: linear in the centre c (Kasa 1976).
@@ -44,9 +56,6 @@ def fit_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
         return None
     centre = solution[:2]
     radius = float(np.sqrt(max(solution[2] + centre @ centre, 0.0)))
-    apart = np.abs(np.linalg.norm(local - centre, axis=1) - radius)
-    if radius == 0 or apart.max() > ROUND * radius:
-        return None
     return Circle(centre + middle, radius)
 
 

@@ -32,11 +32,10 @@ from planfit.floorplan.vector.double_lines import rows_of_lines, thickness_bound
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
-from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import cut_out, merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.room_edges import drawn_between_rooms
-from planfit.floorplan.vector.single_lines import body_of_faces
+from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
 from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
 
