@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.options import PlanOptions
+from planfit.floorplan.options import PlanOptions, PlanUnit
 from planfit.floorplan.plans_on_sheet import MOST_STOREYS, storey_number, storeys_warning
 from planfit.floorplan.plausible import are_closed_rooms, closed_shares, closed_words, sketch_words
 from planfit.floorplan.types import Floorplan, PlanSource
@@ -23,7 +23,7 @@ from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, witho
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
 from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
-from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
+from planfit.floorplan.vector.units import unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
 
@@ -73,12 +73,12 @@ def plan_of_drawing(
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
         walls = replace(walls, dropped=(*walls.dropped, hidden))
     if walls.shared_edges > 0:
-        edges = length_words(walls.shared_edges, unit.metres_per_unit)
+        edges = length_words(walls.shared_edges, unit.metres)
         shared = f"{edges} of edges where two rooms meet without a wall between them"
         walls = replace(walls, dropped=(*walls.dropped, shared))
     origin = _origin(walls.faces.ends)
     walls, storeys = _of_storey(walls, drawing, path, options.storey)
-    by_layer = words_on_layers(walls.by_layer, unit.metres_per_unit, bool(options.layers))
+    by_layer = words_on_layers(walls.by_layer, unit.metres, bool(options.layers))
     walls = replace(
         walls,
         dropped=(*by_layer.dropped, *walls.dropped),
@@ -86,7 +86,7 @@ def plan_of_drawing(
     )
     drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
     faces = walls.faces
-    scale = unit.metres_per_unit or 1.0
+    scale = unit.scale
     return Floorplan(
         str(path),
         (faces.ends - origin) * scale,
@@ -95,11 +95,11 @@ def plan_of_drawing(
         fingerprint,
         thickness=faces.thickness * scale,
         openings=(walls.openings - origin) * scale if len(walls.openings) else None,
-        is_metric=unit.metres_per_unit is not None,
+        is_metric=unit.metres is not None,
         source=PlanSource(
             kind=kind,
-            unit=unit.unit,
-            unit_from=unit.unit_from,
+            unit=unit.name,
+            unit_from=unit.known_from,
             storey=options.storey if storeys else "",
             storeys=storeys,
             layers=tuple(name for name in walls.layers if name),
@@ -173,7 +173,7 @@ def _walls_and_unit(
     bars: list[ScaleBar],
     path: Path,
     options: PlanOptions,
-) -> tuple[DrawnWalls, UnitFound]:
+) -> tuple[DrawnWalls, PlanUnit]:
     """Walls, looked for twice where only their thickness and size tell the unit, which tells how thick they
     may be.
 
@@ -182,11 +182,16 @@ def _walls_and_unit(
     """
     said = options.metres_per_unit
     walls = first = walls_of_drawing(drawing, roles, said)
-    _require_walls(walls, path, drawing)
+    if len(walls.faces.ends) == 0:
+        raise FloorplanError(
+            f"{path}: expected walls as double lines, filled or hatched areas, found none in "
+            f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
+            "pass the layers that hold them, or check that it is a plan"
+        )
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
     unit = unit_of_drawing(drawing, path, options, size, walls.faces.usual_thickness, bars)
-    if unit.metres_per_unit is not None and unit.metres_per_unit != said:
-        again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
+    if unit.metres is not None and unit.metres != said:
+        again = walls_of_drawing(drawing, roles, unit.metres)
         walls = again if len(again.faces.ends) else walls
     warnings = (*_warnings_on_unit(first, walls, unit), *walls.warnings)
     return replace(walls, warnings=(*warnings, *_doubts(walls))), unit
@@ -204,23 +209,14 @@ def _doubts(walls: DrawnWalls) -> tuple[str, ...]:
     return tuple(words for words in found if words)
 
 
-def _require_walls(walls: DrawnWalls, path: Path, drawing: VectorDrawing) -> None:
-    if len(walls.faces.ends) == 0:
-        raise FloorplanError(
-            f"{path}: expected walls as double lines, filled or hatched areas, found none in "
-            f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
-            "pass the layers that hold them, or check that it is a plan"
-        )
-
-
-def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: UnitFound) -> tuple[str, ...]:
+def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: PlanUnit) -> tuple[str, ...]:
     """Whether lines that look like walls where nothing is known of the unit are none in this one."""
     apart = first.faces.usual_thickness
-    if unit.metres_per_unit is None or apart is None or walls.faces.is_oriented.any():
+    if unit.metres is None or apart is None or walls.faces.is_oriented.any():
         return ()
     return (
-        f"with {unit.unit} as the unit, no two lines are as near as the faces of a wall; if those "
-        f"{apart * unit.metres_per_unit:.2g} m apart are walls, the unit is wrong: give --unit",
+        f"with {unit.name} as the unit, no two lines are as near as the faces of a wall; if those "
+        f"{apart * unit.metres:.2g} m apart are walls, the unit is wrong: give --unit",
     )
 
 
