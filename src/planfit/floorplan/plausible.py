@@ -89,10 +89,7 @@ def _next_faces(
     the left, in degrees."""
     apart, after = (np.atleast_1d(found) for found in cKDTree(ends[:, 0]).query(ends[:, 1]))
     along = segments.directions(ends)
-    turn = np.arctan2(
-        along[:, 0] * along[after, 1] - along[:, 1] * along[after, 0],
-        np.einsum("ni,ni->n", along, along[after]),
-    )
+    turn = segments.turns(along, along[after])
     return after, (apart < _CURVE_PX) & (after != np.arange(len(ends))), np.rad2deg(turn)
 
 

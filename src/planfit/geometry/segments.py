@@ -20,6 +20,14 @@ def left_normals(ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "n 2"]:
     return np.stack([-along[:, 1], along[:, 0]], axis=-1)
 
 
+def turns(
+    one: Float[np.ndarray, "n 2"], other: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, " n"]:
+    """Angles from vectors to others, rad, to the left > 0."""
+    cross = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    return np.arctan2(cross, np.einsum("ni,ni->n", one, other))
+
+
 def sample(
     ends: Float[np.ndarray, "n 2 2"], spacing_m: float
 ) -> tuple[Float[np.ndarray, "m 2"], Int[np.ndarray, " m"]]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Int, UInt8
+from jaxtyping import Bool, Int, UInt8
 
 from planfit.floorplan.columns import ELONGATED
 
@@ -34,6 +34,15 @@ def closed(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"
     return np.ascontiguousarray(padded[reach:-reach, reach:-reach])
 
 
+def of_labels(
+    labels: Int[np.ndarray, "h w"], is_kept: Bool[np.ndarray, " count"]
+) -> UInt8[np.ndarray, "h w"]:
+    """1 on the connected parts of a picture that are kept, by their labels; 0 is what is no part."""
+    kept = is_kept.astype(np.uint8)
+    kept[0] = 0
+    return kept[np.asarray(labels, dtype=int)]
+
+
 @dataclass(frozen=True)
 class LineWork:
     """Lines along rows and along columns, and the gaps between them."""
@@ -57,9 +66,7 @@ class LineWork:
             labels = np.asarray(labels, dtype=int)
             n_all = np.bincount(labels.ravel(), minlength=count)
             n_dark = np.bincount(labels[lines > 0], minlength=count)
-            is_empty = n_dark < _HATCHED_SHARE * n_all
-            is_empty[0] = False
-            result |= is_empty.astype(np.uint8)[labels]
+            result |= of_labels(labels, n_dark < _HATCHED_SHARE * n_all)
         return result
 
 
@@ -256,8 +263,7 @@ def _grown(
     is_added[np.unique(labels[touching > 0])] = True
     side = stats[:, 2:4]
     is_added &= (side.max(axis=1) <= 1.5 * limit + 4) & (stats[:, 4] >= 0.3 * usual**2)
-    is_added[0] = False
-    return seeds | is_added.astype(np.uint8)[labels]
+    return seeds | of_labels(labels, is_added)
 
 
 @dataclass(frozen=True)
@@ -286,6 +292,4 @@ class _Bars:
     def free(self, narrow: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
         """(h, w) uint8: bars with free space at their sides; those in a narrow gap are lines of windows."""
         n_narrow = np.bincount(self.bar, narrow.ravel()[self.near], minlength=len(self.n_beside))
-        is_free = (n_narrow < 0.4 * self.n_beside).astype(np.uint8)
-        is_free[0] = 0
-        return is_free[self.labels]
+        return of_labels(self.labels, n_narrow < 0.4 * self.n_beside)

@@ -169,7 +169,7 @@ def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
 def without_signs(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
     """The picture with what is in safety colours as white paper, where it has those of an escape plan; and
     whether it has."""
-    colour = _colourful(image_bgr)
+    colour = image_bgr.max(axis=2) - image_bgr.min(axis=2) > _COLOURFUL
     strongest = image_bgr.argmax(axis=2)
     green, red = (float((colour & (strongest == channel)).mean()) for channel in (1, 2))
     paper = float((image_bgr.min(axis=2) > 255 - _COLOURFUL // 2).mean())
@@ -180,10 +180,6 @@ def without_signs(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[UInt8[np.ndarr
     cleared = image_bgr.copy()
     cleared[cv2.dilate(colour.astype(np.uint8), kernel) > 0] = 255
     return cleared, True
-
-
-def _colourful(image_bgr: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
-    return image_bgr.max(axis=2) - image_bgr.min(axis=2) > _COLOURFUL
 
 
 def is_photograph(image_bgr: UInt8[np.ndarray, "h w 3"]) -> bool:

@@ -147,7 +147,8 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         mask: 1 on strokes.
         extent: larger side of what is drawn, px.
     """
-    widths = [2, *_valleys(_length_by_width(mask, _largest_width(extent)))]
+    largest = int(min(max(extent / 12, 8), 60))
+    widths = [2, *_valleys(length_by_width(mask, largest))]
     thicker, outlines, thicknesses = np.zeros_like(mask), np.zeros(0), np.zeros(0)
     for least in sorted(set(widths), reverse=True):
         whole = opened(mask, least)
@@ -176,7 +177,7 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         thicker = whole
 
 
-def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
+def length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
     """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
     areas = [float(mask.sum())]
     for size in range(2, largest + 2):
@@ -186,11 +187,6 @@ def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.n
     areas += [0.0] * (largest + 1 - len(areas))
     lost = -np.diff(areas)
     return np.concatenate([[0.0], lost / np.arange(1, len(lost) + 1)])
-
-
-def _largest_width(extent: float) -> int:
-    """Thickest wall (px) in a drawing of some size."""
-    return int(min(max(extent / 12, 8), 60))
 
 
 def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:

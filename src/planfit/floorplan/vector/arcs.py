@@ -65,16 +65,9 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
     found = np.zeros(n, dtype=bool)
     if n < MIN_SEGMENTS:
         return found
-    along = segments.directions(lines.ends)
-    cross = along[:-1, 0] * along[1:, 1] - along[:-1, 1] * along[1:, 0]
-    bend = np.arctan2(cross, np.einsum("ni,ni->n", along[:-1], along[1:]))
+    bend, joined = joints(lines)
+    joined &= np.abs(bend) < _MAX_BEND
     length = segments.lengths(lines.ends)
-    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    joined = (
-        (lines.path[:-1] == lines.path[1:])
-        & (gap < 1e-3 * np.minimum(length[:-1], length[1:]))
-        & (np.abs(bend) < _MAX_BEND)
-    )
     starts = np.flatnonzero(np.concatenate([[True], ~joined]))
     stops = np.append(starts[1:], n)
     turned = np.concatenate([[0.0], np.cumsum(bend)])
@@ -87,6 +80,17 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
         if circle is not None and length[start:stop].max() < _LONG * circle.radius:
             found[start:stop] = True
     return found
+
+
+def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
+    """Of each two segments in sequence by how much the second turns from the first, rad, to the left > 0, and
+    whether it goes on where that ends, on one path."""
+    along, length = segments.directions(lines.ends), segments.lengths(lines.ends)
+    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
+    is_one = (lines.path[:-1] == lines.path[1:]) & (
+        gap < 1e-3 * np.minimum(length[:-1], length[1:])
+    )
+    return segments.turns(along[:-1], along[1:]), is_one
 
 
 def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:

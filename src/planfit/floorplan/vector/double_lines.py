@@ -136,8 +136,8 @@ def faces_of_lines(
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
     free_side: Int[np.ndarray, " n"],
-) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
-    """Faces of walls drawn as two lines, and the lines that lie between two faces (windows).
+) -> LineFaces:
+    """Faces of walls drawn as two lines.
 
     Args:
         ends: merged, no two on one another.
@@ -174,7 +174,7 @@ def faces_of_lines(
     pairs = pairs.take(is_called | _are_as_thick(pairs, is_certain | is_called))
     in_wall = _standing(ends, pairs, thickness, is_surely_wall, reach)
     pairs = pairs.take(in_wall[pairs.line])
-    return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
+    return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness)
 
 
 def _is_free_between(

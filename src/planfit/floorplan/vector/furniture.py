@@ -82,16 +82,13 @@ def are_furniture(
         sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
         if sides.max() >= LONGEST * sides.min():
             continue
-        is_body = not _holds_a_room(list(areas), thickness.most) and _looks_out(
+        # A room is wider than what furniture has within its parts, as the seat of a sofa.
+        cores = shapely.buffer(areas, -ROOM / 2 * thickness.most, quad_segs=16)
+        is_body = bool(shapely.is_empty(cores).all()) and _looks_out(
             ends[own], free_side[own], hull
         )
         result[own] = (is_body or not has_faces[one]) and not walls.go_on(int(one))
     return result
-
-
-def _holds_a_room(areas: list[BaseGeometry], most: float) -> bool:
-    """Whether one of the areas is wider than what furniture has within its parts, as the seat of a sofa."""
-    return any(not area.buffer(-ROOM / 2 * most).is_empty for area in areas)
 
 
 def _looks_out(

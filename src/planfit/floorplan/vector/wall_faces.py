@@ -100,7 +100,7 @@ def faces_of_all(
         may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
         is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
         candidates = candidates.take(~is_furniture)
-        paired, _ = faces_of_lines(
+        paired = faces_of_lines(
             candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
         )
         # Beside solid walls, line work is furniture and windows, unless a layer calls it wall, or the solid

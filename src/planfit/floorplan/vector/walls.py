@@ -240,7 +240,7 @@ def _solids_and_rooms(
     areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
-    slim = [area for area in hatched if _is_slim(area)]
+    slim = [area for area in hatched if area.length**2 / (16 * area.area) > 2.5]
     # A drawing hatches either its walls or its floors.
     if rooms or len(slim) < len(hatched) - len(slim):
         rooms = [*rooms, *hatched]
@@ -287,10 +287,6 @@ def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
     points = [drawing.lines.ends[role != Role.NO_WALL].reshape(-1, 2)]
     points += [np.array(f.polygon.bounds).reshape(2, 2) for f in drawing.fills]
     return usual_extent(np.concatenate(points))
-
-
-def _is_slim(area: BaseGeometry) -> bool:
-    return bool(shapely.length(area) ** 2 / (16 * area.area) > 2.5)
 
 
 def _main_part(

@@ -73,7 +73,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     root, n_references = load_safely(path)
     svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
-    are_classes_telling = any(_names_a_wall(element) for element in svg.elements())
+    are_classes_telling = any("IfcWall" in (_own(one).get("class") or "") for one in svg.elements())
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
     hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
@@ -197,10 +197,6 @@ def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...], int]:
 def _drawing_of(root: ET.Element) -> object:
     text = ET.tostring(root, encoding="utf-8")
     return SVG.parse(io.BytesIO(text), reify=True, ppi=PIXELS_PER_INCH)
-
-
-def _names_a_wall(element) -> bool:
-    return "IfcWall" in (_own(element).get("class") or "")
 
 
 def _class_of(element) -> str:
