@@ -94,11 +94,9 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    for inside in between_lines(line_work, bars):
-        grow = line_px / 2
-        result.append(
-            Candidate(WallStyle.LINES, inside.strips, "stroke", DARK, grow, 1.0, inside.bars)
-        )
+    grow = line_px / 2
+    for strips, thin in between_lines(line_work, bars):
+        result.append(Candidate(WallStyle.LINES, strips, "stroke", DARK, grow, 1.0, thin))
     return result
 
 

@@ -134,22 +134,16 @@ def _strips(gap: Int[np.ndarray, "h w"], widest: int) -> Int[np.ndarray, "h w"]:
     return np.where(found > 0, gap, np.int16(0))
 
 
-@dataclass(frozen=True)
-class InsideWalls:
-    """The inside of walls drawn as two lines; both (h, w) uint8."""
-
-    strips: UInt8[np.ndarray, "h w"]
-    """1 between the two lines."""
-    bars: UInt8[np.ndarray, "h w"]
-    """1 inside walls so thin that their two lines touch."""
-
-
-def between_lines(line_work: LineWork, bars: UInt8[np.ndarray, "h w"]) -> list[InsideWalls]:
-    """The inside of walls, for each likely range of thickness; empty where there is none.
+def between_lines(
+    line_work: LineWork, bars: UInt8[np.ndarray, "h w"]
+) -> list[tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]]:
+    """The inside of walls drawn as two lines, for each likely range of thickness; empty where there is none.
 
     Args:
         line_work: lines and the strips between them.
         bars: 1 inside bars as thick as two lines.
+
+    Returns pairs of masks: 1 between the two lines; 1 inside walls so thin that their two lines touch.
     """
     rows, columns = line_work.strips
     # Tiles are between lines along rows and along columns; the corners of walls are in neither strip.
@@ -191,7 +185,7 @@ def between_lines(line_work: LineWork, bars: UInt8[np.ndarray, "h w"]) -> list[I
             _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
         )
         if mask.any():
-            result.append(InsideWalls(mask, all_bars.free(narrow)))
+            result.append((mask, all_bars.free(narrow)))
     return result
 
 

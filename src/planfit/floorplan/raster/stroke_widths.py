@@ -148,7 +148,7 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         extent: larger side of what is drawn, px.
     """
     largest = int(min(max(extent / 12, 8), 60))
-    widths = [2, *_valleys(length_by_width(mask, largest))]
+    widths = [2, *_valleys(_length_by_width(mask, largest))]
     thicker, outlines, thicknesses = np.zeros_like(mask), np.zeros(0), np.zeros(0)
     for least in sorted(set(widths), reverse=True):
         whole = opened(mask, least)
@@ -177,7 +177,7 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         thicker = whole
 
 
-def length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
+def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
     """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
     areas = [float(mask.sum())]
     for size in range(2, largest + 2):
