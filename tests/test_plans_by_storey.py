@@ -15,7 +15,7 @@ from planfit.cli.refine_inputs import read_plans
 from planfit.errors import FloorplanError, OptionError, PlanfitError
 from planfit.evaluation import wall_distances
 from planfit.floorplan import Floorplan, PlanOptions, write_floorplan_json
-from planfit.floorplan.storeys import join_storeys
+from planfit.floorplan.plans_on_sheet import join_storeys
 from planfit.geometry import se3
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.storey_heights import settle_floors

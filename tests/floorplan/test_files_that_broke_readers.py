@@ -9,7 +9,7 @@ from ezdxf.filemanagement import new as new_dxf
 import planfit
 from planfit.cli.main import run
 from planfit.errors import FloorplanError, PlanfitError, printable, told_as
-from planfit.floorplan.formats import dxf, dxf_blocks, pdf
+from planfit.floorplan.formats import dxf, dxf_contents, pdf
 
 BAD_PLANS = Path(__file__).parent.parent / "data" / "bad_plans"
 
@@ -69,12 +69,12 @@ def test_insertions_are_counted_as_they_are_drawn():
     path = Path("plan.dxf")
     for limit in (drawn, drawn - 1):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(dxf_blocks, "MAX_ENTITIES", limit)
+            patch.setattr(dxf_contents, "MAX_ENTITIES", limit)
             if limit == drawn:
-                dxf_blocks.check_expansion(path, document, document.modelspace())
+                dxf_contents.check_expansion(path, document, document.modelspace())
             else:
                 with pytest.raises(FloorplanError, match=f"found {drawn} once blocks"):
-                    dxf_blocks.check_expansion(path, document, document.modelspace())
+                    dxf_contents.check_expansion(path, document, document.modelspace())
 
 
 def _nested(leaf_lines: int):
@@ -108,7 +108,7 @@ def test_blocks_that_hold_nothing_are_not_drawn_out(tmp_path, monkeypatch):
 
 def test_insertions_count_though_what_they_draw_is_little(tmp_path):
     _nested(1).saveas(tmp_path / "plan.dxf")
-    assert dxf_blocks.MAX_ENTITIES > 10**5
+    assert dxf_contents.MAX_ENTITIES > 10**5
     with pytest.raises(
         FloorplanError, match="at most 200,000 entities and blocks within them"
     ) as told:
@@ -119,11 +119,11 @@ def test_insertions_count_though_what_they_draw_is_little(tmp_path):
 
 def test_a_file_that_holds_much_may_draw_much(monkeypatch):
     document = _nested(1)
-    monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 211_111 // 51 + 1)
-    dxf_blocks.check_expansion(Path("plan.dxf"), document, document.modelspace())
-    monkeypatch.setattr(dxf_blocks, "MAX_REPEATED", 100)
+    monkeypatch.setattr(dxf_contents, "MAX_REPEATED", 211_111 // 51 + 1)
+    dxf_contents.check_expansion(Path("plan.dxf"), document, document.modelspace())
+    monkeypatch.setattr(dxf_contents, "MAX_REPEATED", 100)
     with pytest.raises(FloorplanError, match="at most 200,000"):
-        dxf_blocks.check_expansion(Path("plan.dxf"), document, document.modelspace())
+        dxf_contents.check_expansion(Path("plan.dxf"), document, document.modelspace())
 
 
 def test_a_hall_full_of_seats_may_be_drawn_out():
@@ -134,7 +134,8 @@ def test_a_hall_full_of_seats_may_be_drawn_out():
     for k in range(2000):
         document.modelspace().add_blockref("seat", (k, 0))
     assert (
-        dxf_blocks.check_expansion(Path("hall.dxf"), document, document.modelspace()) == frozenset()
+        dxf_contents.check_expansion(Path("hall.dxf"), document, document.modelspace())
+        == frozenset()
     )
 
 

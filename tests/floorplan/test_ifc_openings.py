@@ -12,7 +12,7 @@ from plan_files import make_plan, write_ifc
 from planfit.cli import run
 from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.elements import are_glass, element_ids, opening_element
-from planfit.floorplan.formats.ifc_places import map_conversion
+from planfit.floorplan.formats.georeference import map_conversion
 from planfit.floorplan.gaps import find_gaps
 from planfit.floorplan.types import PlanSource
 

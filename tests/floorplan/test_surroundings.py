@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.raster.doubts import dark_sides
+from planfit.floorplan.raster.sheet_marks import dark_sides
 
 
 def sheet(fill: int = 0) -> np.ndarray:

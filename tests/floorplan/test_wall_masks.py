@@ -15,8 +15,8 @@ from planfit.floorplan import Floorplan, nearest_faces, read_floorplan
 from planfit.floorplan.formats import picture as picture_files
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import plan_of_picture, shrink_for_reading
+from planfit.floorplan.raster.stroke_widths import twin_share
 from planfit.floorplan.raster.trace import trace_regions
-from planfit.floorplan.raster.twins import twin_share
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
 

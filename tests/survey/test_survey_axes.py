@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from builders import room_plan
 from planfit.errors import OptionError
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.formats.ifc_places import MapConversion
+from planfit.floorplan.formats.georeference import MapConversion
 from planfit.survey import Survey, SurveyPoint, place_points
 
 SHARED = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[3] / "shared" / "data"))

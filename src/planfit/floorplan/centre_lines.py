@@ -69,15 +69,13 @@ def with_thickness(floorplan: Floorplan, half: float, thinnest: float = 0.0) -> 
     if floorplan.thickness is not None:
         thickness = floorplan.thickness.copy()
     thickness[line] = 2.0 * half
-    return replace(
-        floorplan,
+    return floorplan.take(
+        source,
         ends=np.concatenate([floorplan.ends[~line], faces.reshape(-1, 2, 2)[kept]]),
         normals=np.concatenate([floorplan.normals[~line], sides.reshape(-1, 2)[kept]]),
         is_oriented=np.ones(len(source), dtype=bool),
         fingerprint=f"{floorplan.fingerprint} with walls {2 * half:.6g} thick",
         thickness=thickness[source],
-        storeys=None if floorplan.storeys is None else floorplan.storeys[source],
-        is_unused=None if floorplan.is_unused is None else floorplan.is_unused[source],
         before_line=before,
         drawn=floorplan.drawn_ends[source],
     )

@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import scipy.spatial
 from jaxtyping import Float, Int
 
+from planfit.floorplan.near_lines import connected_groups
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 from planfit.priors import COLUMN_SIDE_M
@@ -51,15 +51,12 @@ def find_columns(floorplan: Floorplan) -> Columns:
     touched = tree.query_ball_point(tips[2 * own + np.tile([0, 1], len(small))], near)
     a = np.repeat(own, [len(other) for other in touched])
     b = np.concatenate([np.array(other, dtype=int) for other in touched]) // 2
-    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    group = connected_groups(a, b, n)
     face, centres, sizes = np.full(n, -1), [], []
     is_small = np.zeros(n, dtype=bool)
     is_small[small] = True
-    n_faces, n_small = (
-        np.bincount(group, minlength=count),
-        np.bincount(group[small], minlength=count),
-    )
+    n_faces = np.bincount(group)
+    n_small = np.bincount(group[small], minlength=len(n_faces))
     for each in np.flatnonzero((n_small >= 3) & (n_small == n_faces)):
         at = np.flatnonzero(group == each)
         if not _is_column(ends[at], floorplan.normals[at], most):

@@ -106,7 +106,7 @@ def edits_of_words(
             raise OptionError(
                 f"--keep-region: expected x0,y0,x1,y1 or the corners x,y,x,y,x,y, found {text!r}"
             ) from error
-    return PlanEdits(ends @ rim[:2, :2].T + rim[:2, 2], tuple(regions))
+    return PlanEdits(segments.moved(ends, rim), tuple(regions))
 
 
 def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
@@ -123,16 +123,16 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
     before = floorplan.lengths.sum()
     kept = np.ones(len(floorplan), dtype=bool)
-    kept[_found(floorplan, _moved(edits.drop, plan_from_rim), name)] = False
+    kept[faces_at(floorplan, edits.drop, name)] = False
     plan = _taken(floorplan, np.flatnonzero(kept), floorplan.ends[kept])
     if edits.keep and len(plan.ends):
-        corners = [_moved(c, plan_from_rim) for c in edits.keep]
+        corners = [segments.moved(c, plan_from_rim) for c in edits.keep]
         plan = _within(
             plan, shapely.union_all([shapely.make_valid(shapely.Polygon(c)) for c in corners])
         )
     n_added = 0 if edits.add is None else len(edits.add)
     if edits.add is not None and n_added:
-        plan = _with_walls(plan, _moved(edits.add, plan_from_rim))
+        plan = _with_walls(plan, segments.moved(edits.add, plan_from_rim))
     if len(plan.ends) == 0:
         raise FloorplanError(
             f"{name}: expected edits that leave a wall, found none left; keep more"
@@ -157,7 +157,21 @@ def faces_at(
         FloorplanError: one does not; the message begins with `name`.
     """
     plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
-    return _found(floorplan, _moved(ends, plan_from_rim), name)
+    near = SAME_SHARE * max(floorplan.size)
+    found = []
+    for each in segments.moved(ends, plan_from_rim):
+        apart = np.minimum(
+            np.abs(floorplan.ends - each).max(axis=(1, 2)),
+            np.abs(floorplan.ends - each[::-1]).max(axis=(1, 2)),
+        )
+        if apart.min() > near:
+            raise FloorplanError(
+                f"{name}: expected a face from {np.round(each[0], 3).tolist()} to "
+                f"{np.round(each[1], 3).tolist()} (plan frame) to leave out, found none; the plan is read "
+                "otherwise than when the edits were made: make them again"
+            )
+        found.append(int(apart.argmin()))
+    return np.array(found, dtype=int)
 
 
 def _ends(values: object) -> Float[np.ndarray, "n 2 2"]:
@@ -179,49 +193,13 @@ def _region(values: object) -> Float[np.ndarray, "k 2"]:
     return corners
 
 
-def _moved(
-    points: Float[np.ndarray, "*n 2"], there_from_here: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "*n 2"]:
-    return points @ there_from_here[:2, :2].T + there_from_here[:2, 2]
-
-
-def _found(floorplan: Floorplan, ends: Float[np.ndarray, "d 2 2"], name: str) -> np.ndarray:
-    """Indices of the faces that lie at these ends.
-
-    Raises:
-        FloorplanError: one does not.
-    """
-    near = SAME_SHARE * max(floorplan.size)
-    found = []
-    for each in ends:
-        apart = np.minimum(
-            np.abs(floorplan.ends - each).max(axis=(1, 2)),
-            np.abs(floorplan.ends - each[::-1]).max(axis=(1, 2)),
-        )
-        if apart.min() > near:
-            raise FloorplanError(
-                f"{name}: expected a face from {np.round(each[0], 3).tolist()} to "
-                f"{np.round(each[1], 3).tolist()} (plan frame) to leave out, found none; the plan is read "
-                "otherwise than when the edits were made: make them again"
-            )
-        found.append(int(apart.argmin()))
-    return np.array(found, dtype=int)
-
-
 def _taken(floorplan: Floorplan, of: np.ndarray, ends: Float[np.ndarray, "n 2 2"]) -> Floorplan:
-    """Parts of faces: `ends` of each, and the face it is of. May have none."""
-    changed = {
-        "ends": ends,
-        "normals": floorplan.normals[of],
-        "is_oriented": floorplan.is_oriented[of],
-        "thickness": None if floorplan.thickness is None else floorplan.thickness[of],
-        "storeys": None if floorplan.storeys is None else floorplan.storeys[of],
-    }
+    """Parts of faces: `ends` of each, and the face it is of."""
     if len(ends) == 0:
         raise FloorplanError(
             f"{floorplan.name}: expected edits that leave a wall, found none left; keep more"
         )
-    return replace(floorplan, **changed)
+    return floorplan.take(of, ends=ends)
 
 
 def _within(floorplan: Floorplan, region: BaseGeometry) -> Floorplan:

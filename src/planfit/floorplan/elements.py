@@ -5,15 +5,13 @@ import shapely
 from jaxtyping import Bool, Int
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.gaps import Gap
+from planfit.floorplan.gaps import PARALLEL, Gap
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 
 NEAR_M = 0.03
 """From the middle of a face to the outline of its element: readers close seams between walls, and simplify
 lines."""
-PARALLEL = 0.99
-"""Cosine between normals of faces that are taken for parallel: 8 degrees."""
 
 
 def element_ids(floorplan: Floorplan) -> tuple[str, ...]:
@@ -36,7 +34,7 @@ def opening_element(floorplan: Floorplan, gap: Gap) -> tuple[str, str]:
     if source.opening_lines is None or source.file_from_plan is None or not source.opening_names:
         return "", ""
     plan_from_file = np.linalg.inv(source.file_from_plan)
-    lines = source.opening_lines @ plan_from_file[:2, :2].T + plan_from_file[:2, 2]
+    lines = segments.moved(source.opening_lines, plan_from_file)
     relative = lines.mean(axis=1) - gap.ends.mean(axis=0)
     across, along = np.abs(relative @ gap.normal), np.linalg.norm(relative, axis=1)
     is_of = (across < gap.thickness_m / 2 + NEAR_M) & (along < gap.width_m / 2)
@@ -55,7 +53,7 @@ def _element_lines(floorplan: Floorplan) -> Int[np.ndarray, " f"]:
         return found
     file_from_plan = source.file_from_plan
     units_per_metre = float(np.sqrt(abs(np.linalg.det(file_from_plan[:2, :2]))))
-    ends = floorplan.ends @ file_from_plan[:2, :2].T + file_from_plan[:2, 2]
+    ends = segments.moved(floorplan.ends, file_from_plan)
     at = np.flatnonzero(segments.lengths(source.element_lines) > 0)
     lines = source.element_lines[at]
     middles = shapely.points(ends.mean(axis=1))

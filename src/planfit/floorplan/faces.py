@@ -5,7 +5,9 @@ the one away from its partner: the nearest parallel line that overlaps it within
 A line that has partners on both sides equally near, or none, stays unoriented.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import TypeVar
 
 import numpy as np
 import shapely
@@ -16,13 +18,34 @@ from planfit.floorplan.near_lines import possible_partners
 from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
+PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
+"""Lines of a drawing that differ by less are parallel."""
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
 BESIDE_SHARE = 0.3
 """Share of a line with another beside it from which that may be the other side of its wall."""
 
+_OfRows = TypeVar("_OfRows", bound="Rows")
+
+
+class Rows:
+    """A dataclass whose fields are arrays, all with one row for each of some things."""
+
+    def take(self: _OfRows, keep: Shaped[np.ndarray, " k"]) -> _OfRows:
+        """Those of a mask or an index."""
+        return type(self)(*(getattr(self, name)[keep] for name in _names(type(self))))
+
+    @classmethod
+    def together(cls: type[_OfRows], parts: Sequence[_OfRows]) -> _OfRows:
+        """All of several, one at least, in their order."""
+        return cls(*(np.concatenate([getattr(p, name) for p in parts]) for name in _names(cls)))
+
+
+def _names(kind: type[Rows]) -> list[str]:
+    return [field.name for field in fields(kind)]  # type: ignore[arg-type] - each is a dataclass
+
 
 @dataclass(frozen=True)
-class Partners:
+class Partners(Rows):
     """Pairs of parallel lines with one beside the other; `line` ascends.
 
     Gaps and places along are in the unit of the lines. A pair is listed once for each of its lines.
@@ -38,12 +61,6 @@ class Partners:
     """Where along `line` the partner's shadow begins, 0 = its first end."""
     high: Float[np.ndarray, " p"]
     """Where it ends."""
-
-    def take(self, keep: Shaped[np.ndarray, " k"]) -> "Partners":
-        """Those of a mask or an index."""
-        return Partners(
-            self.line[keep], self.partner[keep], self.gap[keep], self.low[keep], self.high[keep]
-        )
 
 
 def line_strings(ends: Float[np.ndarray, "n 2 2"]) -> Shaped[np.ndarray, " n"]:
@@ -69,8 +86,7 @@ def find_partners(
         for line, partner in possible_partners(ends, max_gap, parallel_sine)
     ]
     none = Partners(*(np.zeros(0, kind) for kind in (int, int, float, float, float)))
-    names = [field.name for field in fields(Partners)]
-    found = Partners(*(np.concatenate([getattr(p, n) for p in [none, *parts]]) for n in names))
+    found = Partners.together([none, *parts])
     return found.take(np.lexsort((found.partner, found.line)))
 
 
@@ -144,10 +160,7 @@ def _nearest_partner(
 
 
 def covered_lengths(
-    line: Int[np.ndarray, " p"],
-    low: Float[np.ndarray, " p"],
-    high: Float[np.ndarray, " p"],
-    n: int,
+    line: Int[np.ndarray, " p"], low: Float[np.ndarray, " p"], high: Float[np.ndarray, " p"], n: int
 ) -> Float[np.ndarray, " n"]:
     """Length of the union of the intervals `low` to `high` of each of `n` lines."""
     # By line and beginning: the compiled loop then meets each line's intervals in order, and adds what of

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.near_lines import connected_groups
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 from planfit.priors import DRAWING_ROUNDING_M, WALL_FACES_APART_M
@@ -181,11 +180,8 @@ def sides_of_gaps(
     is_one = np.where(is_oriented[i] & is_oriented[j], look_away, True)
     is_one &= (np.abs(cosine) > PARALLEL) & (np.abs(behind) < MAX_WALL_M)
     is_one &= shared > np.where(is_marked[i] | is_marked[j], 0.5, OVERLAP_SHARE) * wider
-    graph = coo_array(
-        (np.ones(int(is_one.sum())), (i[is_one], j[is_one])), shape=(len(sides), len(sides))
-    )
-    n_groups, group = connected_components(graph, directed=False)
-    return [np.flatnonzero(group == k) for k in range(n_groups)]
+    group = connected_groups(i[is_one], j[is_one], len(sides))
+    return [np.flatnonzero(group == k) for k in range(group.max() + 1)]
 
 
 def gap_between(sides: Float[np.ndarray, "s 2 2"], storey: int | None) -> Gap:

@@ -133,43 +133,42 @@ def groups_within(ends: Float[np.ndarray, "n 2 2"], distance: float) -> Int[np.n
     cell = 0.999 * distance / np.sqrt(2)
     length = segments.lengths(ends)
     n_samples = np.clip(np.ceil(length / cell), 1, MAX_SAMPLES).astype(int)
-    line = np.repeat(np.arange(len(ends)), n_samples)
-    step = np.arange(len(line)) - np.repeat(np.cumsum(n_samples) - n_samples, n_samples)
-    share = ((step + 0.5) / n_samples[line])[:, None]
-    places = (1 - share) * ends[line, 0] + share * ends[line, 1]
+    places, line = segments.spread(ends, n_samples)
     _, of_cell = np.unique(np.floor(places / cell), axis=0, return_inverse=True)
-    group = _components(line, len(ends) + of_cell.ravel(), len(ends) + of_cell.max() + 1)
+    group = connected_groups(line, len(ends) + of_cell.ravel(), len(ends) + of_cell.max() + 1)
     _, group = np.unique(group[: len(ends)], return_inverse=True)
     order = np.argsort(group, kind="stable")
     lines = np.asarray(shapely.linestrings(ends[order]), dtype=object)
     together = np.asarray(shapely.multilinestrings(lines, indices=group[order]), dtype=object)
     a, b = shapely.STRtree(together).query(together, predicate="dwithin", distance=distance)
-    return _components(a, b, len(together))[group]
+    return connected_groups(a, b, len(together))[group]
 
 
 def ends_that_meet(
     ends: Float[np.ndarray, "t 2 2"],
     own: Int[np.ndarray, " t"],
     strings: Shaped[np.ndarray, " n"],
-    reach: Float[np.ndarray, " t"],
+    reach: float | Float[np.ndarray, " t"],
 ) -> Bool[np.ndarray, "t 2"]:
     """Which ends of some lines have another line within reach.
 
     Args:
         ends: of these lines.
-        own: index of each among all.
+        own: index of each among all; -1 of one that is not among them.
         strings: all lines, as shapely's.
-        reach: of each of these lines.
+        reach: of each of these lines, or of all.
     """
     tips = np.asarray(shapely.points(ends.reshape(-1, 2)), dtype=object)
     meets = np.zeros(len(tips), dtype=bool)
-    for i, j in in_blocks(tips, shapely.STRtree(strings), np.repeat(reach, 2)):
+    reach = np.repeat(np.broadcast_to(reach, len(ends)), 2)
+    for i, j in in_blocks(tips, shapely.STRtree(strings), reach):
         meets[i[j != np.repeat(own, 2)[i]]] = True
     return meets.reshape(-1, 2)
 
 
-def _components(
+def connected_groups(
     a: Int[np.ndarray, " p"], b: Int[np.ndarray, " p"], n: int
 ) -> Int[np.ndarray, " n"]:
+    """Group of each of `n` things, from 0, of which pairs (`a`, `b`) are of one, and all that these chain."""
     graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
     return scipy.sparse.csgraph.connected_components(graph, directed=False)[1]

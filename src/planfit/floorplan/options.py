@@ -21,7 +21,7 @@ MIN_SIZE_M, MAX_SIZE_M = BUILDING_SIZE_M.both
 
 
 @dataclass(frozen=True)
-class _PlanUnit:
+class PlanUnit:
     """The unit of a file's coordinates."""
 
     name: str
@@ -30,6 +30,12 @@ class _PlanUnit:
     """What told it; empty where it is unknown."""
     metres: float | None
     """Metres of one unit; None where it is unknown."""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def scale(self) -> float:
+        """From the file's coordinates to those of the plan: metres where the unit is known, else the same."""
+        return 1.0 if self.metres is None else self.metres
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ class PlanOptions(Changeable):
 
 def choose_unit(
     unit: Unit, metres_per_unit: float | None, file_unit: str | None = None, told_by: str = ""
-) -> _PlanUnit:
+) -> PlanUnit:
     """Unit of a plan.
 
     Args:
@@ -93,14 +99,14 @@ def choose_unit(
         told_by: what in the file told it.
     """
     if metres_per_unit is not None:
-        return _PlanUnit(f"{metres_per_unit:g} m", "--scale", metres_per_unit)
+        return PlanUnit(f"{metres_per_unit:g} m", "--scale", metres_per_unit)
     if unit == "unknown":
-        return _PlanUnit("unknown", "", None)
+        return PlanUnit("unknown", "", None)
     if unit != "auto":
-        return _PlanUnit(unit, "--unit", METRES_PER_UNIT[unit])
+        return PlanUnit(unit, "--unit", METRES_PER_UNIT[unit])
     if file_unit is None:
-        return _PlanUnit("unknown", "", None)
-    return _PlanUnit(file_unit, told_by, METRES_PER_UNIT[file_unit])
+        return PlanUnit("unknown", "", None)
+    return PlanUnit(file_unit, told_by, METRES_PER_UNIT[file_unit])
 
 
 def name_of_unit(metres: float) -> str:

@@ -1,11 +1,16 @@
-"""Several plans on one sheet: groups of walls whose extents stay apart."""
+"""Plans of several storeys: told apart on one sheet, as groups of walls whose extents do so, and made one."""
+
+import itertools
+from collections.abc import Mapping
 
 import numpy as np
-import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.faces import covered_lengths
+from planfit.floorplan.near_lines import connected_groups
+from planfit.floorplan.types import Floorplan, PlanSource
 
 MOST_STOREYS = 8
 """More plans than this are not drawn on one sheet: windows of a facade, houses of a site plan are."""
@@ -123,15 +128,8 @@ def _tied(boxes: Float[np.ndarray, "n 4"], storey: Int[np.ndarray, " n"]) -> Int
     while True:
         names = np.unique(storey)
         extents = [_extent(boxes[storey == name]) for name in names]
-        pair = next(
-            (
-                (i, j)
-                for i in range(len(names))
-                for j in range(i + 1, len(names))
-                if _gap(extents[i], extents[j]) == 0.0
-            ),
-            None,
-        )
+        pairs = itertools.combinations(range(len(names)), 2)
+        pair = next((p for p in pairs if _gap(extents[p[0]], extents[p[1]]) == 0.0), None)
         if pair is None:
             return np.unique(storey, return_inverse=True)[1]
         storey[storey == names[pair[1]]] = names[pair[0]]
@@ -191,7 +189,7 @@ def _are_apart(
 ) -> bool:
     """Whether two groups of walls that are not far from each other, given by their extents and boxes, are two
     buildings or storeys."""
-    apart = np.maximum(one[:2] - other[2:], other[:2] - one[2:])
+    apart = _apart(one, other[None])[0]
     across = int(np.argmax(apart))
     along = 1 - across
     low = max(one[along], other[along])
@@ -213,12 +211,9 @@ def _are_apart(
 
 def _covered(spans: Float[np.ndarray, "n 2"], low: float, high: float) -> float:
     """Share of an interval that spans cover."""
-    reached, total = low, 0.0
-    for first, last in spans[np.argsort(spans[:, 0])]:
-        first, last = max(float(first), reached), min(float(last), high)
-        if last > first:
-            total, reached = total + last - first, last
-    return total / (high - low)
+    first, last = np.clip(spans, low, high).T
+    covered = covered_lengths(np.zeros(len(spans), dtype=int), first, last, 1)
+    return float(covered[0]) / (high - low)
 
 
 def storey_words(
@@ -281,10 +276,9 @@ def _overlapping(
             shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]), dtype=object
         )
         a, b = shapely.STRtree(extents).query(extents, predicate="intersects")
-        graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(len(names), len(names)))
-        count, of = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        of = connected_groups(a, b, len(names))
         group = of[group]
-        if count == len(names):
+        if of.max() + 1 == len(names):
             return group
 
 
@@ -336,10 +330,34 @@ def _apart(
 
 def _gap(one: Float[np.ndarray, "4"], other: Float[np.ndarray, "4"]) -> float:
     """Distance between two boxes."""
-    apart = np.maximum(np.maximum(one[:2] - other[2:], other[:2] - one[2:]), 0.0)
-    return float(np.hypot(*apart))
+    return float(np.hypot(*np.maximum(_apart(one, other[None])[0], 0.0)))
 
 
 def _row(extents: Float[np.ndarray, "n 4"], is_storey: Bool[np.ndarray, " n"], i: int) -> int:
     """How many storeys lie wholly above."""
     return int((extents[is_storey, 3] < (extents[i, 1] + extents[i, 3]) / 2).sum())
+
+
+def join_storeys(plans: Mapping[int, Floorplan]) -> Floorplan:
+    """All faces of plans that are in one frame, in metres, each face with the storey of its plan.
+
+    What only one drawing has, such as its own coordinates and the openings to draw, stays with the plans.
+
+    Args:
+        plans: by storey; at least one.
+    """
+    parts = list(plans.values())
+    is_thick = any(part.thickness is not None for part in parts)
+    unknown = [np.full(len(part), np.nan) for part in parts]
+    thickness = [part.thickness if part.thickness is not None else nan
+                 for part, nan in zip(parts, unknown, strict=True)]  # fmt: skip
+    return Floorplan(
+        " and ".join(dict.fromkeys(part.name for part in parts)),
+        np.concatenate([part.ends for part in parts]),
+        np.concatenate([part.normals for part in parts]),
+        np.concatenate([part.is_oriented for part in parts]),
+        fingerprint=" ".join(part.fingerprint for part in parts),
+        thickness=np.concatenate(thickness) if is_thick else None,
+        source=PlanSource(warnings=tuple(w for part in parts for w in part.source.warnings)),
+        storeys=np.repeat(list(plans), [len(part) for part in parts]),
+    )

@@ -8,6 +8,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.plans_on_sheet import MOST_STOREYS
+from planfit.floorplan.vector.arcs import nearest_circle
 from planfit.geometry import segments
 
 COMPARE = "compare the overlay (-o FILE.png) with the drawing"
@@ -24,6 +26,11 @@ circle are a round wall: curves are traced to 1.6 px. The line of a shaking hand
 _KINK_DEG, _KINKED, _LEAST_FACES = (1.0, 15.0), 0.25, 20
 """Of the faces, those that go on where they end by a turn of so few degrees: 0.43 to 0.80 of sketches by
 hand, 0.12 at most of drawings, scanned ones too."""
+_OPEN = 0.05
+"""Of the ground within the walls, what is closed in: nothing of a chart of bars."""
+_FEW_GROUPS = 3
+"""More groups of walls than there are plans on most sheets, none of which has an opening, are houses of a
+site plan."""
 
 
 def closed_shares(walls: Sequence[BaseGeometry]) -> Float[np.ndarray, " k"]:
@@ -82,10 +89,7 @@ def _next_faces(
     the left, in degrees."""
     apart, after = (np.atleast_1d(found) for found in cKDTree(ends[:, 0]).query(ends[:, 1]))
     along = segments.directions(ends)
-    turn = np.arctan2(
-        along[:, 0] * along[after, 1] - along[:, 1] * along[after, 0],
-        np.einsum("ni,ni->n", along, along[after]),
-    )
+    turn = segments.turns(along, along[after])
     return after, (apart < _CURVE_PX) & (after != np.arange(len(ends))), np.rad2deg(turn)
 
 
@@ -101,20 +105,11 @@ def are_round(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, " n"]:
         row = [i]
         while len(row) < _CURVE_FACES and goes_on[row[-1]] and turn[row[-1]] * turn[i] > 0:
             row.append(int(after[row[-1]]))
-        if len(row) == _CURVE_FACES and _on_one_circle(ends[row].reshape(-1, 2)):
+        points = ends[row].reshape(-1, 2)
+        circle = nearest_circle(points) if len(row) == _CURVE_FACES else None
+        if circle is not None and circle.apart(points) < _CURVE_PX:
             result[row] = True
     return result
-
-
-def _on_one_circle(points: Float[np.ndarray, "k 2"]) -> bool:
-    """Whether points are within `_CURVE_PX` of the circle that fits them best."""
-    middle = points.mean(axis=0)
-    x, y = (points - middle).T
-    (a, b, c), *_ = np.linalg.lstsq(
-        np.stack([2 * x, 2 * y, np.ones_like(x)], 1), x**2 + y**2, rcond=None
-    )
-    radius = np.sqrt(max(c + a**2 + b**2, 0.0))
-    return bool(np.abs(np.hypot(x - a, y - b) - radius).max() < _CURVE_PX)
 
 
 def aligned_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
@@ -130,3 +125,37 @@ def aligned_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
         left[off[:, int(np.argmax(reached))] < _SAME_DEG] = 0.0
     left[are_round(ends)] = 0.0
     return 1.0 - float(left.sum()) / max(total, 1e-9)
+
+
+def find_doubts(
+    ends: Float[np.ndarray, "n 2 2"],
+    openings: Float[np.ndarray, "k 2 2"],
+    walls: tuple[shapely.Polygon, ...],
+    n_groups: int,
+) -> tuple[str, ...]:
+    """What speaks against a floorplan, a sentence each.
+
+    Args:
+        ends: faces.
+        openings: doors and windows.
+        walls: regions.
+        n_groups: groups of walls that stand apart from each other on the sheet.
+    """
+    result = []
+    has_openings = len(openings) > 0
+    if n_groups > MOST_STOREYS or (n_groups > _FEW_GROUPS and not has_openings):
+        result.append(
+            f"{n_groups} groups of marks stand apart from each other, as windows of a facade or houses of a "
+            f"site plan do: this is probably no floorplan; {COMPARE}"
+        )
+    shares = closed_shares(walls)
+    closed = float(shares.sum())
+    if are_closed_rooms(shares) or (closed > CLOSED and not has_openings):
+        result.append(closed_words(shares))
+    elif closed < _OPEN and not has_openings:
+        result.append(
+            "no wall has a gap for a door or window, and none closes in a room: this is probably no "
+            f"floorplan; {COMPARE}"
+        )
+    sketch = sketch_words(ends)
+    return (*result, sketch) if sketch else tuple(result)

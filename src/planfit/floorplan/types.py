@@ -1,11 +1,13 @@
 """A floorplan as wall faces: what every plan reader gives, and what callers make of segments of their own."""
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
 from planfit.errors import FloorplanError
@@ -174,17 +176,18 @@ class Floorplan:
             raise FloorplanError(
                 f"{self.name}: expected a wall that is used, found all {len(self)} excluded; exclude less"
             )
-        return replace(
-            self,
-            ends=self.ends[kept],
-            normals=self.normals[kept],
-            is_oriented=self.is_oriented[kept],
-            thickness=None if self.thickness is None else self.thickness[kept],
-            storeys=None if self.storeys is None else self.storeys[kept],
-            is_unused=None,
-            before_line=None if self.before_line is None else self.before_line[kept],
-            drawn=None if self.drawn is None else self.drawn[kept],
-        )
+        return self.take(kept, is_unused=None)
+
+    def take(self, faces: Shaped[np.ndarray, " k"], **changed: Any) -> "Floorplan":
+        """The faces of a mask or an index, as a plan of its own.
+
+        Args:
+            faces: one at least.
+            changed: other fields, by name.
+        """
+        told = {name: getattr(self, name) for name in _OF_FACES}
+        rows = {name: rows[faces] for name, rows in told.items() if rows is not None}
+        return replace(self, **{**rows, **changed})
 
     @classmethod
     def from_segments(
@@ -253,69 +256,59 @@ class Floorplan:
 
     def scaled(self, metres_per_unit: float) -> "Floorplan":
         """The same plan in metres, one unit of this one being `metres_per_unit` long."""
-        source = self.source
-        if source.file_from_plan is not None:
-            unscale = np.diag([1 / metres_per_unit, 1 / metres_per_unit, 1.0])
-            source = replace(source, file_from_plan=source.file_from_plan @ unscale)
-        return replace(
-            self,
-            ends=self.ends * metres_per_unit,
-            thickness=None if self.thickness is None else self.thickness * metres_per_unit,
-            openings=None if self.openings is None else self.openings * metres_per_unit,
+        thickness, before = self.thickness, self.before_line
+        return self.mapped(
+            lambda xy: xy * metres_per_unit,
+            np.diag([1 / metres_per_unit, 1 / metres_per_unit, 1.0]),
+            thickness=None if thickness is None else thickness * metres_per_unit,
+            before_line=None if before is None else before * metres_per_unit,
             is_metric=True,
-            source=source,
-            before_line=None if self.before_line is None else self.before_line * metres_per_unit,
-            drawn=None if self.drawn is None else self.drawn * metres_per_unit,
         )
 
     def mirrored(self) -> "Floorplan":
         """The same plan with left and right swapped: x becomes -x."""
-        source = self.source
-        if source.file_from_plan is not None:
-            swapped = source.file_from_plan @ np.diag([-1.0, 1.0, 1.0])
-            source = replace(source, file_from_plan=swapped)
-        return replace(
-            self,
-            ends=self.ends * (-1.0, 1.0),
+        swapped = self.mapped(
+            lambda xy: xy * (-1.0, 1.0),
+            np.diag([-1.0, 1.0, 1.0]),
             normals=self.normals * (-1.0, 1.0),
-            openings=None if self.openings is None else self.openings * (-1.0, 1.0),
-            drawn=None if self.drawn is None else self.drawn * (-1.0, 1.0),
-            source=replace(source, is_mirrored=not source.is_mirrored),
         )
+        is_mirrored = not self.source.is_mirrored
+        return replace(swapped, source=replace(swapped.source, is_mirrored=is_mirrored))
 
     def placed(self, target_from_plan: Float[np.ndarray, "4 4"]) -> "Floorplan":
         """The same plan in other axes: turned about z and translated (m)."""
-        rotation, translation = target_from_plan[:2, :2], target_from_plan[:2, 3]
+        target_from_own = np.eye(3)
+        target_from_own[:2] = target_from_plan[:2, [0, 1, 3]]
+        return self.mapped(
+            lambda xy: segments.moved(xy, target_from_own),
+            np.linalg.inv(target_from_own),
+            normals=self.normals @ target_from_own[:2, :2].T,
+        )
+
+    def mapped(
+        self,
+        mapped: Callable[[Float[np.ndarray, "*n 2"]], Float[np.ndarray, "*n 2"]],
+        plan_from_mapped: Float[np.ndarray, "3 3"],
+        **changed: Any,
+    ) -> "Floorplan":
+        """The same plan in other axes or another unit.
+
+        Args:
+            mapped: points of this plan in those.
+            plan_from_mapped: the way back, of homogeneous x-y.
+            changed: what else is another there, as normals and lengths are, by name.
+        """
         source = self.source
         if source.file_from_plan is not None:
-            target_from_own = np.eye(3)
-            target_from_own[:2, :2], target_from_own[:2, 2] = rotation, translation
-            file_from_target = source.file_from_plan @ np.linalg.inv(target_from_own)
-            source = replace(source, file_from_plan=file_from_target)
-        return replace(
-            self,
-            ends=self.ends @ rotation.T + translation,
-            normals=self.normals @ rotation.T,
-            openings=None if self.openings is None else self.openings @ rotation.T + translation,
-            drawn=None if self.drawn is None else self.drawn @ rotation.T + translation,
-            source=source,
-        )
+            source = replace(source, file_from_plan=source.file_from_plan @ plan_from_mapped)
+        told = {name: getattr(self, name) for name in ("ends", "openings", "drawn")}
+        points = {name: mapped(xy) for name, xy in told.items() if xy is not None}
+        return replace(self, source=source, **points, **changed)
 
     def of_storey(self, storey: int) -> "Floorplan":
         """The faces of one storey of joined plans, as a plan of its own."""
         assert self.storeys is not None
-        own = self.storeys == storey
-        return replace(
-            self,
-            ends=self.ends[own],
-            normals=self.normals[own],
-            is_oriented=self.is_oriented[own],
-            thickness=None if self.thickness is None else self.thickness[own],
-            openings=None,
-            storeys=None,
-            before_line=None if self.before_line is None else self.before_line[own],
-            drawn=None if self.drawn is None else self.drawn[own],
-        )
+        return self.take(self.storeys == storey, openings=None, storeys=None)
 
     def with_warning(self, warning: str) -> "Floorplan":
         """The same plan with one more thing to look at."""
@@ -332,6 +325,12 @@ class Floorplan:
         """Extent in x and y."""
         width, depth = np.ptp(self.ends.reshape(-1, 2), axis=0)
         return float(width), float(depth)
+
+
+_OF_FACES = (
+    "ends", "normals", "is_oriented", "thickness", "storeys", "is_unused", "before_line", "drawn",
+)  # fmt: skip
+"""Fields of a plan that have a row for each face, where they are known."""
 
 
 def _checked_segments(

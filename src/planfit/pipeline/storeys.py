@@ -24,7 +24,7 @@ from planfit.alignment.plan_scale import CLEAR_GAIN
 from planfit.alignment.selection import AS_RECORDED_SHARE, SameWithin, is_same
 from planfit.errors import FloorplanError, ScanError, require
 from planfit.floorplan import Floorplan
-from planfit.floorplan.storeys import join_storeys
+from planfit.floorplan.plans_on_sheet import join_storeys
 from planfit.geometry import se3
 from planfit.pipeline.align import align_to_plan, wall_samples
 from planfit.pipeline.observations import Observations

@@ -28,14 +28,14 @@ PICTURE_SUFFIXES = (
 
 READERS = {
     ".npy": "own_formats:read_npy",
-    ".json": "json_file:read_json",
+    ".json": "own_formats:read_json",
     **dict.fromkeys((".yaml", ".yml"), "ros_map:read_ros_map"),
     **dict.fromkeys(PICTURE_SUFFIXES, "picture:read_picture"),
     **dict.fromkeys((".svg", ".svgz"), "svg:read_svg"),
     ".dxf": "dxf:read_dxf",
     ".pdf": "pdf:read_pdf",
     **dict.fromkeys((".ifc", ".ifczip"), "ifc:read_ifc"),
-    ".usdz": "usdz:read_usdz",
+    ".usdz": "room_plan:read_usdz",
     **dict.fromkeys((".geojson", ".zip"), "geojson:read_geojson"),
     **dict.fromkeys((".ply", ".obj", ".glb", ".gltf", ".stl", ".off"), "mesh:read_mesh"),
 }

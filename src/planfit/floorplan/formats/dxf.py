@@ -23,8 +23,7 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.dxf_blocks import check_expansion
-from planfit.floorplan.formats.dxf_unread import only_layout, unread_words
+from planfit.floorplan.formats.dxf_contents import check_expansion, only_layout, unread_words
 from planfit.floorplan.options import METRES_PER_FILE_UNIT, PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD, DrawingBuilder, Text, VectorDrawing

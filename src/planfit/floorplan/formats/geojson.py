@@ -8,7 +8,6 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats.geojson_features import (
@@ -20,16 +19,12 @@ from planfit.floorplan.formats.geojson_features import (
     load_collections,
     local_frame,
 )
-from planfit.floorplan.formats.geojson_storeys import (
-    chosen_level,
-    level_names,
-    told_storeys,
-)
+from planfit.floorplan.formats.geojson_storeys import chosen_level, level_names, told_storeys
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of, words_of
-from planfit.floorplan.vector.line_work import ends_of, longest, outlines
+from planfit.floorplan.vector.line_work import edges_of_areas, ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry import segments
@@ -234,14 +229,7 @@ def _edges(
 ) -> Float[np.ndarray, "n 2 2"]:
     """Edges of rooms, the room on the left, without where openings are. Rooms of maps meet
     without thickness: each side of a shared edge is a face of its own."""
-    rings = [
-        np.asarray(ring.coords)[:, :2]
-        for part in shapely.get_parts(shapely.simplify(rooms, 0.005 * metre))
-        if part.geom_type == "Polygon" and not part.is_empty
-        for polygon in [orient(part)]
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-    ends = np.concatenate([np.stack([r[:-1], r[1:]], axis=1) for r in rings])
+    ends = edges_of_areas(list(shapely.simplify(rooms, 0.005 * metre)))
     parts, _ = shapely.get_parts(
         shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
     )

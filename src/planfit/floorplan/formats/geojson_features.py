@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of, plans_in
 from planfit.floorplan.formats.geojson_storeys import Properties
+from planfit.floorplan.formats.georeference import metres_of_degrees
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.regions import MAX_COORDINATE, SelfCrossings
@@ -40,7 +41,6 @@ _MAX_DEGREES = 0.1
 """Wider than 11 km is no building: the coordinates are no degrees."""
 _LIKELY_SIZE_M = BUILDING_USUAL_SIZE_M.value
 """Of a plan whose unit is unknown; used for tolerances alone."""
-_EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 
 
 @dataclass(frozen=True)
@@ -216,12 +216,7 @@ def local_frame(
         warnings = () if options.unit == "unknown" else (warning,)
         likely_metre = float((high - low).max()) / _LIKELY_SIZE_M
         return LocalFrame(low, np.ones(2), "unknown", "", False, warnings, likely_metre)
-    latitude = np.deg2rad(middle[1])
-    eccentricity_sq = _FLATTENING * (2 - _FLATTENING)
-    w_sq = 1 - eccentricity_sq * np.sin(latitude) ** 2
-    across = _EQUATOR_M / np.sqrt(w_sq)
-    along = across * (1 - eccentricity_sq) / w_sq
-    scale = np.deg2rad([across * np.cos(latitude), along])
+    scale = metres_of_degrees(middle[1])
     return LocalFrame(middle, scale, "degrees", "the standard of the format (degrees)", True)
 
 

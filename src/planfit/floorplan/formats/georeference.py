@@ -1,7 +1,11 @@
-"""Where on a map a picture lies: world files beside it, and the tags of GeoTIFF."""
+"""Where on a map a plan lies: world files beside a picture, tags of GeoTIFF; of an IFC model IfcMapConversion
+(IFC4), or property sets of that name (IFC2X3)."""
 
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -11,6 +15,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD
+from planfit.geometry import segments
 
 WORLD_SUFFIXES = {
     ".png": (".pgw", ".pngw"), ".jpg": (".jgw", ".jpgw"), ".jpeg": (".jgw", ".jpegw", ".jpgw"),
@@ -22,10 +27,17 @@ _RASTER_TYPE, _MODEL_TYPE, _LINEAR_UNITS = 1025, 1024, 3076
 _GEOGRAPHIC, _PIXEL_IS_POINT = 2, 2
 _METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
 """By the code of EPSG: metre, foot, US survey foot."""
-_GEODETIC_A, _GEODETIC_E2 = 6378137.0, 0.00669437999014
+_EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS84."""
 _DEGREES = 0.05
 """A building spans less than 0.05 degrees of latitude, 5.6 km, and none is so small in metres."""
+FARTHEST_M = 1.2e7
+"""Coordinates of projected systems on Earth are smaller (UTM northings end at 10,000 km): beyond, they are in
+another unit than claimed."""
+
+
+SAME_SCALE = 0.01
+"""Scales of a conversion this near to each other, as a share, differ by the projection, not by the unit."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +60,9 @@ def find_georeference(path: Path) -> Georeference | None:
     candidates = [path.with_suffix(s) for s in WORLD_SUFFIXES.get(path.suffix.lower(), ())]
     candidates += [path.with_suffix(".wld"), path.with_name(path.name + "w")]
     for candidate in candidates:
-        found = next(
-            (
-                c
-                for c in (candidate, candidate.with_suffix(candidate.suffix.upper()))
-                if c.is_file()
-            ),
-            None,
-        )
-        if found is not None:
-            return _world_file(found)
+        for spelled in (candidate, candidate.with_suffix(candidate.suffix.upper())):
+            if spelled.is_file():
+                return _world_file(spelled)
     return _geotiff(path) if path.suffix.lower() in (".tif", ".tiff") else None
 
 
@@ -137,7 +142,7 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
     """
     assert floorplan.source.file_from_plan is not None
     map_from_plan = georeference.map_from_pixel @ floorplan.source.file_from_plan
-    corners = floorplan.ends.reshape(-1, 2) @ map_from_plan[:2, :2].T + map_from_plan[:2, 2]
+    corners = segments.moved(floorplan.ends.reshape(-1, 2), map_from_plan)
     low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
     metres = _metres_per_unit(georeference, corners)
     size = float((extent * metres).max())
@@ -179,10 +184,17 @@ def _metres_per_unit(
     )
     if not is_degrees:
         return np.ones(2)
+    return metres_of_degrees(latitude)
+
+
+def metres_of_degrees(latitude: float) -> Float[np.ndarray, "2"]:
+    """Metres of a degree of longitude and of one of latitude, at a latitude (deg) on the ellipsoid."""
     phi = np.deg2rad(latitude)
-    w = np.sqrt(1 - _GEODETIC_E2 * np.sin(phi) ** 2)
-    radii = np.array([np.cos(phi) / w, (1 - _GEODETIC_E2) / w**3]) * _GEODETIC_A
-    return np.deg2rad(radii)
+    eccentricity_sq = _FLATTENING * (2 - _FLATTENING)
+    w_sq = 1 - eccentricity_sq * np.sin(phi) ** 2
+    across = _EQUATOR_M / np.sqrt(w_sq)
+    along = across * (1 - eccentricity_sq) / w_sq
+    return np.deg2rad([across * np.cos(phi), along])
 
 
 def _transformed(floorplan: Floorplan, metres_from_plan: Float[np.ndarray, "3 3"]) -> Floorplan:
@@ -192,23 +204,114 @@ def _transformed(floorplan: Floorplan, metres_from_plan: Float[np.ndarray, "3 3"
         floorplan: in a unit of its own.
         metres_from_plan: affine, with an inverse; it may mirror.
     """
-    linear, translation = metres_from_plan[:2, :2], metres_from_plan[:2, 2]
     # A line keeps its normal under the inverse transpose; what is left of its length is how far apart
     # parallel lines come to lie.
-    across = floorplan.normals @ np.linalg.inv(linear)
+    across = floorplan.normals @ np.linalg.inv(metres_from_plan[:2, :2])
     shrink = np.linalg.norm(across, axis=1)
-    source = floorplan.source
-    if source.file_from_plan is not None:
-        source = replace(
-            source, file_from_plan=source.file_from_plan @ np.linalg.inv(metres_from_plan)
-        )
-    openings = floorplan.openings
-    return replace(
-        floorplan,
-        ends=floorplan.ends @ linear.T + translation,
+    return floorplan.mapped(
+        lambda xy: segments.moved(xy, metres_from_plan),
+        np.linalg.inv(metres_from_plan),
         normals=across / shrink[:, None],
         thickness=None if floorplan.thickness is None else floorplan.thickness / shrink,
-        openings=None if openings is None else openings @ linear.T + translation,
         is_metric=True,
-        source=source,
     )
+
+
+@dataclass(frozen=True)
+class MapConversion:
+    """Where a model's origin lies on a map, and how it is turned there."""
+
+    east_m: float
+    north_m: float
+    turn_rad: float
+    """Of the model's x from the easting, counter-clockwise."""
+    scale: float
+    """As the file has it."""
+    unit_scale: float
+    """Metres of one unit of the model."""
+    system: str
+    """Name of the projected system; empty where the file has none."""
+
+    @property
+    def words(self) -> str:
+        """For people."""
+        words = f"origin at ({self.east_m:.3f}, {self.north_m:.3f}) m"
+        if self.system:
+            words += f" in {self.system}"
+        words += f", x turned by {math.degrees(self.turn_rad):.3f} deg"
+        is_plain = self.scale in (1.0, self.unit_scale)
+        return words + ("" if is_plain else f", lengths times {self.scale:g}")
+
+    @property
+    def map_from_file(self) -> Float[np.ndarray, "3 3"] | None:
+        """From the model's coordinates, in its unit, to the map, m; None where the scale makes no sense.
+
+        The scale of the standard turns units into those of the map; files have the projection's alone, too.
+        """
+        lengths = [
+            by for by in (self.scale / self.unit_scale, self.scale) if abs(by - 1) < SAME_SCALE
+        ]
+        if not lengths:
+            return None
+        metres = self.unit_scale * lengths[0]
+        c, s = metres * math.cos(self.turn_rad), metres * math.sin(self.turn_rad)
+        return np.array([[c, -s, self.east_m], [s, c, self.north_m], [0.0, 0.0, 1.0]])
+
+
+def map_conversion(model: Any, unit_scale: float) -> MapConversion | None:
+    """Place of the model's origin and its turn; None where the model has none.
+
+    Eastings and northings are in the unit of the projected system, or of the project; where the one that is
+    claimed leads off the Earth, the other is meant.
+    """
+    conversion = _conversion(model)
+    if not conversion:
+        return None
+    east, north = (_number(conversion.get(name)) for name in ("Eastings", "Northings"))
+    if east is None or north is None:
+        return None
+    metres = 1.0 if max(abs(east), abs(north)) < FARTHEST_M else unit_scale
+    x, y = _number(conversion.get("XAxisAbscissa")), _number(conversion.get("XAxisOrdinate"))
+    turn = 0.0 if x is None or y is None else math.atan2(y, x)
+    scale = _number(conversion.get("Scale")) or 1.0
+    system = _reference_system(model)
+    return MapConversion(east * metres, north * metres, turn, scale, unit_scale, system)
+
+
+def _conversion(model: Any) -> Mapping[str, Any]:
+    if model.schema != "IFC2X3":
+        for entity in model.by_type("IfcMapConversion"):
+            return entity.get_info()
+    return _property_set(model, "mapconversion")
+
+
+def _reference_system(model: Any) -> str:
+    """Name of the projected coordinate system."""
+    if model.schema != "IFC2X3":
+        for entity in model.by_type("IfcProjectedCRS"):
+            return str(entity.Name or "")
+    return str(_property_set(model, "projectedcrs").get("Name") or "")
+
+
+def _property_set(model: Any, name: str) -> Mapping[str, Any]:
+    """Of the site, the project or the building: ePSet_MapConversion, in any spelling."""
+    import ifcopenshell.util.element
+
+    for kind in ("IfcSite", "IfcProject", "IfcBuilding"):
+        for element in model.by_type(kind):
+            try:
+                sets = ifcopenshell.util.element.get_psets(element)
+            except (AttributeError, RuntimeError):
+                continue
+            for title, values in sets.items():
+                if title.lower().replace("_", "").removeprefix("epset") == name:
+                    return values
+    return {}
+
+
+def _number(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        return None
+    return number if math.isfinite(number) else None

@@ -13,12 +13,12 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError, told_as
 from planfit.floorplan.elements import are_glass
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.ifc_openings import find_openings, is_glass_element
-from planfit.floorplan.formats.ifc_places import map_conversion
+from planfit.floorplan.formats.georeference import map_conversion
+from planfit.floorplan.formats.ifc_openings import LevelCut, find_openings, is_glass_element
 from planfit.floorplan.options import PlanOptions, name_of_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import longest, outlines
-from planfit.floorplan.vector.regions import faces_of_regions, section_area
+from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.runtime import whole_number
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
@@ -241,25 +241,18 @@ def _cut(ifcopenshell: Any, elements: list[Any], height: float) -> tuple[list[_P
     All elements of the building are cut, not those of the storey alone: walls may go on through
     several, and hang on the one they begin in.
     """
-    settings = ifcopenshell.geom.settings()
-    settings.set("use-world-coords", True)
-    util_element = ifcopenshell.util.element
+    cut = LevelCut(ifcopenshell, height)
     found: list[_Part] = []
     failed = 0
     for element in elements:
         shapes = [part for part in [element, *_parts(element)] if part.Representation is not None]
         failed += not shapes
         for part in shapes:
-            try:
-                shape = ifcopenshell.geom.create_shape(settings, part)
-            except RuntimeError:
+            area = cut.area_of(part)
+            if area is None:
                 failed += 1
-                continue
-            corners = np.array(shape.geometry.verts, dtype=float).reshape(-1, 3)
-            triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
-            area = section_area(corners, triangles, height)
-            if not area.is_empty:
-                is_glass = is_glass_element(part, util_element)
+            elif not area.is_empty:
+                is_glass = is_glass_element(part, ifcopenshell.util.element)
                 found.append(_Part(area, str(element.GlobalId), is_glass))
     return found, failed
 

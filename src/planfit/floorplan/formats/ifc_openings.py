@@ -55,6 +55,26 @@ class Openings:
     """GlobalId of the door or window that each side is of; empty where nothing fills the opening."""
 
 
+class LevelCut:
+    """Cuts elements of a model at a height, m."""
+
+    def __init__(self, ifcopenshell: Any, height_m: float, with_openings: bool = True) -> None:
+        self._geom, self._height_m = ifcopenshell.geom, height_m
+        self._settings = ifcopenshell.geom.settings()
+        self._settings.set("use-world-coords", True)
+        self._settings.set("disable-opening-subtractions", not with_openings)
+
+    def area_of(self, element: Any) -> BaseGeometry | None:
+        """Area of solid there, m; None where the element has no geometry that can be made."""
+        try:
+            shape = self._geom.create_shape(self._settings, element)
+        except RuntimeError:
+            return None
+        corners = np.array(shape.geometry.verts, dtype=float).reshape(-1, 3)
+        triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
+        return section_area(corners, triangles, self._height_m)
+
+
 def find_openings(
     ifcopenshell: Any, walls: list[Any], solid: BaseGeometry, height_m: float, unit_scale: float
 ) -> Openings:
@@ -68,20 +88,13 @@ def find_openings(
         unit_scale: metres of the model's unit.
     """
     whole, voids = [], []
-    settings = ifcopenshell.geom.settings()
-    settings.set("use-world-coords", True)
-    settings.set("disable-opening-subtractions", True)
+    cut = LevelCut(ifcopenshell, height_m, with_openings=False)
     for wall in walls:
         if not getattr(wall, "HasOpenings", ()) or wall.Representation is None:
             continue
-        try:
-            shape = ifcopenshell.geom.create_shape(settings, wall)
-        except RuntimeError:
-            continue  # it has no geometry with openings either, which is told
-        corners = np.array(shape.geometry.verts, dtype=float).reshape(-1, 3)
-        triangles = np.array(shape.geometry.faces, dtype=int).reshape(-1, 3)
-        area = section_area(corners, triangles, height_m)
-        if not area.is_empty:
+        area = cut.area_of(wall)
+        # What has no geometry has none with openings either, which is told.
+        if area is not None and not area.is_empty:
             whole.append(area)
             gone = area.difference(solid.buffer(_SKIN_M, join_style="mitre"))
             voids += [v for v in shapely.get_parts(gone) if v.area > 0]

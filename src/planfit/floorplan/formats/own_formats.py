@@ -1,4 +1,4 @@
-"""Plans as bare segments (`floorplan.npy` of the FACaP layout), and planfit's own JSON."""
+"""Plans as bare segments (`floorplan.npy` of the FACaP layout), and JSON: planfit's own, or of RoomPlan."""
 
 import json
 import zipfile
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.room_plan import is_room_plan, plan_of_rooms
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.geometry import segments
@@ -59,7 +60,7 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
         raise FloorplanError(f"{path}: expected finite coordinates, found NaN or other values")
     ends = values.astype(float).reshape(-1, 2, 2) * (1.0, -1.0)
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the format")
-    metres = 1.0 if unit.metres is None else unit.metres
+    metres = unit.scale
     floorplan = Floorplan.from_segments(
         ends * metres,
         name=str(path),
@@ -78,11 +79,43 @@ def read_npy(path: Path, options: PlanOptions) -> Floorplan:
 
 def _dropped(ends: Float[np.ndarray, "n 2 2"], n_kept: int) -> tuple[str, ...]:
     """What became of segments of which `n_kept` are left, in words."""
-    repeated = len(ends) - len(first_of_each(ends))
-    points = ends[first_of_each(ends)]
-    points = len(points) - n_kept
-    said = [(points, "without length"), (repeated, "drawn twice")]
+    n_first = len(first_of_each(ends))
+    said = [(n_first - n_kept, "without length"), (len(ends) - n_first, "drawn twice")]
     return tuple(f"{n} segment{'' if n == 1 else 's'} {words}" for n, words in said if n)
+
+
+def read_json(path: Path, options: PlanOptions) -> Floorplan:
+    """Wall faces of a plan in JSON, of either kind.
+
+    Raises:
+        FloorplanError: it is of neither, or damaged.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, RecursionError):
+        return _read_own(path, options)  # says what is wrong with it
+    if is_room_plan(content):
+        return plan_of_rooms(content, path, options)
+    other = _of_another_kind(content)
+    if other:
+        raise FloorplanError(
+            f"{path}: expected a plan in planfit's own JSON or of RoomPlan, found {other}"
+        )
+    return _read_own(path, options)
+
+
+def _of_another_kind(content: object) -> str:
+    """What JSON of a kind that is not read here is, and what to do with it; empty where nothing tells."""
+    if not isinstance(content, dict):
+        return ""
+    if content.get("type") == "CityJSON":
+        return (
+            f"a CityJSON model of {len(content.get('CityObjects') or ())} objects, which is not read; "
+            "export it as IFC or OBJ, or its rooms as GeoJSON"
+        )
+    if content.get("type") in ("FeatureCollection", "Feature"):
+        return "GeoJSON; rename it to .geojson"
+    return ""
 
 
 @dataclass(frozen=True)
@@ -99,7 +132,7 @@ class _Content:
     openings: Float[np.ndarray, "k 2 2"] | None
 
 
-def read_json(path: Path, options: PlanOptions) -> Floorplan:
+def _read_own(path: Path, options: PlanOptions) -> Floorplan:
     """planfit's own form; see docs/formats.md."""
     content = _parsed(path)
     _check(path, content)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pypdfium2 as pdfium
@@ -14,7 +15,7 @@ from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.dxf_blocks import MAX_ENTITIES
+from planfit.floorplan.formats.dxf_contents import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_paths import Clips, hidden_layers, layer_of, matrix_of, sub_paths
 from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.options import PlanOptions
@@ -250,13 +251,13 @@ def _drawing(
     picture_dpi, page_share = 0.0, 0.0
     page_area = shapely.box(0.0, 0.0, *page.get_size())
     clips = Clips()
-    stack = [(page.raw, None, shown_from_page, 0, "")]
+    of_page = (raw.FPDFPage_CountObjects, raw.FPDFPage_GetObject)
+    of_form = (raw.FPDFFormObj_CountObjects, raw.FPDFFormObj_GetObject)
+    stack: list[Any] = [(page.raw, of_page, shown_from_page, 0, "")]
     n_objects = 0
     while stack:
-        owner, form, transform, depth, outer = stack.pop()
-        count = (
-            raw.FPDFPage_CountObjects(owner) if form is None else raw.FPDFFormObj_CountObjects(form)
-        )
+        owner, (count_of, object_of), transform, depth, outer = stack.pop()
+        count = count_of(owner)
         n_objects += count
         if n_objects > MAX_OBJECTS:
             raise FloorplanError(
@@ -264,11 +265,7 @@ def _drawing(
                 "drawn out; print the floor alone to a new PDF"
             )
         for i in range(count):
-            item = (
-                raw.FPDFPage_GetObject(owner, i)
-                if form is None
-                else raw.FPDFFormObj_GetObject(form, i)
-            )
+            item = object_of(owner, i)
             kind = raw.FPDFPageObj_GetType(item)
             shown_from_item = transform @ matrix_of(item)
             layer = layer_of(item) or outer
@@ -283,7 +280,7 @@ def _drawing(
                 shown = shapely.intersection(shapely.Polygon(corners[:, :2]), page_area)
                 page_share = max(page_share, shown.area / page_area.area)
             elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
-                stack.append((owner, item, shown_from_item, depth + 1, layer))
+                stack.append((item, of_form, shown_from_item, depth + 1, layer))
     _add_texts(builder, page, shown_from_page)
     drawing = builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden)))
     return drawing, _Pictures(picture_dpi, page_share)

@@ -11,8 +11,9 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.line_work import flatten_cubic
+from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.regions import SelfCrossings
+from planfit.geometry import segments
 
 _MOST_LETTERS = 256
 """Of a layer's name that are read; programs allow 255."""
@@ -50,8 +51,8 @@ def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseG
     area: BaseGeometry = shapely.Polygon()
     crossings = SelfCrossings()
     for ring in rings:
-        shown = ring @ transform[:2, :2].T + transform[:2, 2]
-        area = shapely.symmetric_difference(area, crossings.valid(shapely.Polygon(shown)))
+        shown = shapely.Polygon(segments.moved(ring, transform))
+        area = shapely.symmetric_difference(area, crossings.valid(shown))
     return area
 
 
@@ -72,42 +73,26 @@ def sub_paths(
     item, transform: Float[np.ndarray, "3 3"]
 ) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
     """Each sub-path as points (k, 2) and which of its segments (k - 1,) are curved, as shown."""
-    result: list[tuple[np.ndarray, np.ndarray]] = []
-    points: list[np.ndarray] = []
-    curved: list[bool] = []
-    controls: list[np.ndarray] = []
+    path, controls = SubPaths(), []
     x, y = ctypes.c_float(), ctypes.c_float()
-
-    def finish() -> None:
-        if len(points) > 1:
-            result.append((np.array(points), np.array(curved, dtype=bool)))
-
     for i in range(raw.FPDFPath_CountSegments(item)):
         segment = raw.FPDFPath_GetPathSegment(item, i)
         raw.FPDFPathSegment_GetPoint(segment, x, y)
         at = transform[:2, :2] @ (x.value, y.value) + transform[:2, 2]
         kind = raw.FPDFPathSegment_GetType(segment)
         if kind == raw.FPDF_SEGMENT_MOVETO:
-            finish()
-            points, curved, controls = [at], [], []
+            path.move(at)
+            controls = []
         elif kind == raw.FPDF_SEGMENT_BEZIERTO:
             controls.append(at)
             if len(controls) == 3:
-                flat, is_bent = flatten_cubic(np.array([points[-1], *controls]))
-                points.extend(flat)
-                curved.extend([is_bent] * len(flat))
+                path.cubic(np.array([path.last, *controls]))
                 controls = []
         else:
-            points.append(at)
-            curved.append(False)
-        if raw.FPDFPathSegment_GetClose(segment) and len(points) > 1:
-            if np.abs(points[-1] - points[0]).max() > 0:
-                points.append(points[0])
-                curved.append(False)
-            finish()
-            points, curved = [points[0]], []
-    finish()
-    return result
+            path.line(at)
+        if raw.FPDFPathSegment_GetClose(segment) and len(path) > 1:
+            path.close()
+    return path.found()
 
 
 def layer_of(item: Any) -> str:

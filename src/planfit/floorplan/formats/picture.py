@@ -28,16 +28,19 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
     """
     fingerprint = fingerprint_with_mask(path, options)
     is_told = options.unit != "auto" or options.metres_per_unit is not None
-    warnings = _doubts(path, options)
+    warning = ""
     if options.paper_scale is not None:
-        options = options.on_paper(0.0254 / _dots_per_inch(path))
+        dpi = _dots_per_inch(path)
+        options = options.on_paper(0.0254 / dpi)
         is_told = True
+        if min(abs(dpi - usual) for usual in (72.0, 96.0)) < 0.5:
+            warning = f"the picture says {dpi:.0f} dpi, which programs write where they know none"
+            warning += ": check a length"
     georeference = None if is_told else find_georeference(path)
     image, shrink = load_picture(path)
     plan = read_image(image, str(path), fingerprint, options, "raster picture", shrink)
     plan = replace(plan, source=replace(plan.source, is_picture=True))
-    for warning in warnings:
-        plan = plan.with_warning(warning)
+    plan = plan.with_warning(warning) if warning else plan
     return plan if georeference is None else place_on_map(plan, georeference)
 
 
@@ -60,17 +63,6 @@ def _dots_per_inch(path: Path) -> float:
             "metres of a pixel: --scale 0.0254 * N / dpi"
         )
     return sum(found) / 2
-
-
-def _doubts(path: Path, options: PlanOptions) -> tuple[str, ...]:
-    """What to look at before the scale is trusted."""
-    if options.paper_scale is not None:
-        dpi = _dots_per_inch(path)
-        if min(abs(dpi - usual) for usual in (72.0, 96.0)) < 0.5:
-            return (
-                f"the picture says {dpi:.0f} dpi, which programs write where they know none: check a length",
-            )
-    return ()
 
 
 def read_image(

@@ -83,10 +83,10 @@ def read_ros_map(path: Path, options: PlanOptions) -> Floorplan:
         )
     unit = choose_unit(options.unit, options.metres_per_unit, "m", "the map's resolution")
     # --scale and --unit speak of a unit of the file, which here is the metre.
-    metres = 1.0 if unit.metres is None else unit.metres
+    metres = unit.scale
     map_from_pixel = np.diag([metres, metres, 1.0]) @ _map_from_pixel(description, cells)
     unknown = 1.0 - float((cells.is_occupied | cells.is_free).mean())
-    ends = px_ends @ map_from_pixel[:2, :2].T + map_from_pixel[:2, 2]
+    ends = segments.moved(px_ends, map_from_pixel)
     normals = px_normals @ map_from_pixel[:2, :2].T
     return Floorplan(
         str(path),

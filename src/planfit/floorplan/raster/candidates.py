@@ -9,16 +9,20 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from planfit.floorplan.raster.cells import fill_hatching, find_wall_cells
-from planfit.floorplan.raster.line_work import LineWork, closed, find_line_work, opened
-from planfit.floorplan.raster.strips import between_lines
+from planfit.floorplan.raster.line_work import (
+    LineWork,
+    between_lines,
+    closed,
+    find_line_work,
+    opened,
+)
+from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.raster.stroke_widths import WallWidth, least_wall_width
 
 Edge = Literal["edge", "stroke", "mask"]
 
 INK = 0.5
 """Darkness from which a pixel is part of a black wall: half way, where the true edge runs."""
-LINE = 0.3
-"""Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
 _TONE_WIDTH, _DARKER = 0.07, 0.15
 """Around a tone, darkness of the same; an outline is darker by more than this."""
 _NEAR_INK = 0.12
@@ -72,7 +76,7 @@ class Candidate:
 
 def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     """Candidates as solid walls (black, and each grey tone), as hatched walls, as double lines."""
-    lines = (darkness > LINE).astype(np.uint8)
+    lines = (darkness > DARK).astype(np.uint8)
     extent = _extent(lines)
     if extent < 30:
         return []
@@ -84,23 +88,21 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     if cells.any():
         grow = line_px / 2
         result.append(
-            Candidate(WallStyle.CLOSED_LINES, closed(cells, 2), "stroke", LINE, grow, 1.0)
+            Candidate(WallStyle.CLOSED_LINES, closed(cells, 2), "stroke", DARK, grow, 1.0)
         )
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    for inside in between_lines(line_work, bars):
-        grow = line_px / 2
-        result.append(
-            Candidate(WallStyle.LINES, inside.strips, "stroke", LINE, grow, 1.0, inside.bars)
-        )
+    grow = line_px / 2
+    for strips, thin in between_lines(line_work, bars):
+        result.append(Candidate(WallStyle.LINES, strips, "stroke", DARK, grow, 1.0, thin))
     return result
 
 
 def find_extent(darkness: Float[np.ndarray, "h w"]) -> float:
     """Larger side (px) of what is drawn; 0 where there is nothing."""
-    return _extent((darkness > LINE).astype(np.uint8))
+    return _extent((darkness > DARK).astype(np.uint8))
 
 
 def _extent(lines: UInt8[np.ndarray, "h w"]) -> float:
@@ -113,7 +115,7 @@ def _extent(lines: UInt8[np.ndarray, "h w"]) -> float:
 def are_patchy(darkness: Float[np.ndarray, "h w"]) -> bool:
     """Whether much of what is as broad as walls has nearly the darkness that parts black from paler: grey
     walls, which are black in patches where a JPEG made them uneven."""
-    broad = opened((darkness > LINE).astype(np.uint8), _BROAD_PX) > 0
+    broad = opened((darkness > DARK).astype(np.uint8), _BROAD_PX) > 0
     is_near = np.abs(darkness - INK) < _NEAR
     return bool((broad & is_near).sum() > _PATCHY * max(int(broad.sum()), 1))
 
@@ -161,7 +163,7 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
             strokes = (darkness > tone + _DARKER).astype(np.uint8)
             stroke_px = min(line_px, find_line_work(strokes, max(int(extent / 14), 6)).line_px)
             mask = _inside_outlines(darkness, tone, fill, stroke_px)
-            result.append(Candidate(WallStyle.OUTLINED, mask, "stroke", LINE, stroke_px / 2, 3.0))
+            result.append(Candidate(WallStyle.OUTLINED, mask, "stroke", DARK, stroke_px / 2, 3.0))
         else:
             near = cv2.dilate(core, np.ones((3, 3), np.uint8))
             mask = ((darkness > tone / 2) & (near > 0)).astype(np.uint8)
@@ -204,7 +206,7 @@ def _hatched(
         least = int(max(size, 2 * line_work.line_px)) + 1
         walls = fill_hatching(lines, line_work, empty, size, least)
         result.append(
-            Candidate(WallStyle.HATCHED, walls.mask, "stroke", LINE, walls.grow_px, least,
+            Candidate(WallStyle.HATCHED, walls.mask, "stroke", DARK, walls.grow_px, least,
                       hatched_share=walls.share)
         )  # fmt: skip
         size = int(np.ceil(1.8 * size))

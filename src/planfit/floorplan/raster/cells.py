@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.floorplan.columns import ELONGATED
-from planfit.floorplan.raster.line_work import LineWork, closed, opened
+from planfit.floorplan.raster.line_work import LineWork, closed, of_labels, opened
 
 _FATTEST = 1 / 14
 """Walls are thinner than this share of the drawing."""
@@ -190,9 +190,7 @@ def _hatched_cells(
     square = np.ones((3, 3), np.uint8)
     n_rim = np.bincount(labels[(gaps > 0) & (cv2.dilate(lines, square) > 0)], minlength=count)
     n_hatched = np.bincount(labels[(gaps > 0) & (cv2.dilate(oblique, square) > 0)], minlength=count)
-    is_hatched = (n_hatched >= 0.25 * n_rim).astype(np.uint8)
-    is_hatched[0] = 0
-    return is_hatched[np.asarray(labels, dtype=int)]
+    return of_labels(labels, n_hatched >= 0.25 * n_rim)
 
 
 def _outlined_alike(
@@ -207,6 +205,4 @@ def _outlined_alike(
     share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():
         return mask
-    is_kept = (share > 0.6).astype(np.uint8)
-    is_kept[0] = 0
-    return is_kept[np.asarray(labels, dtype=int)]
+    return of_labels(labels, share > 0.6)

@@ -4,12 +4,15 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import shapely
 from jaxtyping import Float, UInt8
 
-from planfit.floorplan.raster.candidates import LINE, WallStyle
+from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.types import Floorplan
+from planfit.floorplan.vector.line_work import outlines
 from planfit.geometry import segments
 
 _SOFT_PX = 2
@@ -46,7 +49,7 @@ def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"])
         interpretation: in pixels of `small`.
         small: darkness that walls were looked for in.
     """
-    ink = (small > LINE).astype(np.uint8)
+    ink = (small > DARK).astype(np.uint8)
     left = ink & (1 - _near_walls(interpretation, ink.shape))
     share = 1.0 - float(left.sum()) / max(float(ink.sum()), 1.0)
     contours, _ = cv2.findContours(left, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
@@ -77,12 +80,8 @@ def left_out(
     interpretation: Interpretation, ink: InkAccount | None, shrink: float
 ) -> Float[np.ndarray, "k 2 2"]:
     """Edges of what was dropped, and of longer strokes that were no candidates, px of the upright picture."""
-    parts = [np.zeros((0, 2, 2)) if ink is None else ink.left_lines]
-    for region in interpretation.dropped:
-        for ring in (region.exterior, *region.interiors):
-            points = np.asarray(ring.coords)
-            parts.append(np.stack([points[:-1], points[1:]], axis=1))
-    edges = (np.concatenate(parts) + 0.5) * shrink - 0.5
+    lines = np.zeros((0, 2, 2)) if ink is None else ink.left_lines
+    edges = (np.concatenate([lines, outlines(interpretation.dropped)]) + 0.5) * shrink - 0.5
     return edges[segments.lengths(edges) > 0]
 
 
@@ -127,10 +126,8 @@ def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.
     """1 inside the walls of one style."""
     mask = np.zeros(shape, np.uint8)
     for wall in interpretation.walls:
-        rings = [
-            np.round(np.asarray(ring.coords) * _SUBPIXEL).astype(np.int32)
-            for ring in (wall.exterior, *wall.interiors)
-        ]
+        rings = map(shapely.get_coordinates, shapely.get_rings(wall))
+        rings = [np.round(ring * _SUBPIXEL).astype(np.int32) for ring in rings]
         cv2.fillPoly(mask, rings, (1,), shift=4)
     return mask
 

@@ -10,10 +10,12 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.floorplan.columns import ELONGATED
-from planfit.floorplan.elements import PARALLEL
 from planfit.floorplan.faces import weighted_median
+from planfit.floorplan.gaps import PARALLEL
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import straight_length, trace_regions
+from planfit.floorplan.vector.line_work import outlines
+from planfit.geometry import segments
 
 STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
@@ -264,14 +266,8 @@ def _goes_on(
 
 def _long_lines(region: shapely.Polygon) -> Float[np.ndarray, "k 6"]:
     """Normal, offset, middle and length of a region's longer edges."""
-    rows = []
-    for ring in (region.exterior, *region.interiors):
-        points = np.asarray(ring.coords)
-        step = np.diff(points, axis=0)
-        length = np.linalg.norm(step, axis=1)
-        kept = length > 8.0
-        normal = np.stack([step[kept, 1], -step[kept, 0]], axis=1) / length[kept, None]
-        offset = np.sum(normal * points[:-1][kept], axis=1)
-        middle = (points[:-1] + points[1:])[kept] / 2
-        rows.append(np.column_stack([normal, offset, middle, length[kept]]))
-    return np.concatenate(rows) if rows else np.zeros((0, 6))
+    edges = outlines([region])
+    edges = edges[segments.lengths(edges) > 8.0]
+    normal = -segments.left_normals(edges)
+    offset = np.sum(normal * edges[:, 0], axis=1)
+    return np.column_stack([normal, offset, edges.mean(axis=1), segments.lengths(edges)])

@@ -17,11 +17,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.columns import ELONGATED
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import WallStyle
-from planfit.floorplan.raster.interpretation import (
-    Interpretation,
-    measure_forms,
-    worth_of_walls,
-)
+from planfit.floorplan.raster.interpretation import Interpretation, measure_forms, worth_of_walls
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.trace import straight_length
 from planfit.floorplan.vector.regions import faces_of_regions
@@ -108,11 +104,7 @@ def _walls_beside(
         _worth(other.walls, other.thickness_px, extent_px), 1e-6
     )
     return replace(
-        other,
-        walls=walls,
-        dropped=(),
-        thickness_px=usual,
-        score=min(share, 1.0) * other.score,
+        other, walls=walls, dropped=(), thickness_px=usual, score=min(share, 1.0) * other.score
     )
 
 

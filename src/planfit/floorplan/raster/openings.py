@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int
 
-from planfit.floorplan.elements import PARALLEL
+from planfit.floorplan.gaps import PARALLEL
 from planfit.geometry import segments
 
 _LINE_PX = 2.5

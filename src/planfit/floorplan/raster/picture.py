@@ -30,7 +30,7 @@ _MAX_WINDOWS = 8
 _LONG_LINE = 1 / 12
 """Walls have lines longer than this share of the drawing; hatching, as long as walls are thick, has none."""
 DARK = 0.3
-"""Darkness from which on something is drawn."""
+"""Darkness from which a pixel is part of a line; a thin line covers half of each of two pixels."""
 _COARSE, _DIFFERS = 8, 10
 """Blocks of so many pixels are looked at; a line of one pixel changes the grey of a block by 30."""
 _PAGE_PAD = 0.08

@@ -1,6 +1,5 @@
 """From a picture of a plan to its wall faces."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -17,23 +16,14 @@ from planfit.floorplan.plans_on_sheet import (
     storey_words,
     storeys_warning,
 )
-from planfit.floorplan.raster.candidates import (
-    LINE,
-    Candidate,
-    WallStyle,
-    find_candidates,
-    find_extent,
-)
-from planfit.floorplan.raster.choice import choose, with_paler_walls
-from planfit.floorplan.raster.doubts import find_doubts, surroundings_words
+from planfit.floorplan.plausible import find_doubts
+from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candidates, find_extent
+from planfit.floorplan.raster.choice import choose, find_walls_alone, with_paler_walls
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
-from planfit.floorplan.raster.interpretation import (
-    STRAIGHT,
-    Interpretation,
-    interpret,
-)
+from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
 from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
+    DARK,
     Upright,
     check_size,
     content_box,
@@ -46,14 +36,15 @@ from planfit.floorplan.raster.picture import (
 from planfit.floorplan.raster.sheet_marks import (
     SIGN_WORDS,
     photograph_words,
+    surroundings_words,
     without_bars,
     without_frame,
     without_signs,
 )
 from planfit.floorplan.raster.trace import settle_faces, straight_length
-from planfit.floorplan.raster.walls_alone import find_walls_alone
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
+from planfit.geometry import segments
 
 WORK_SIDE_PX = 2000
 """Walls are found in a picture of about this size and their faces placed in the full one. Pictures up to half
@@ -63,7 +54,7 @@ TINY_SIDE_PX, MOST_ENLARGED = 600, 3
 differ by less than a pixel there, and no least thickness in pixels parts them."""
 LINES_ENLARGED = 2
 """Pictures whose walls are lines one pixel wide are enlarged so many times, the least that parts lines."""
-FAINT_LINE = 0.5 * LINE
+FAINT_LINE = 0.5 * DARK
 """Darkness of a line in a picture of half the size it was drawn for. What joins two groups of walls need not
 be dark: between two plans is blank paper."""
 _UNKNOWN_SCALE = (
@@ -128,7 +119,7 @@ def plan_of_picture(
     found = _faces(interpretation, upright, shrink)
     plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
     drawn = f"{kind}, walls {interpretation.style}"
-    dropped = _moved(left_out(interpretation, ink, shrink), _picture_from(upright))
+    dropped = segments.moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
     if wall_mask is None:
         for words in (photograph, surroundings_words(image_bgr)):
@@ -151,7 +142,7 @@ def _interpreted(
     alone = find_walls_alone(small, upright.darkness)
     if alone is not None:
         return small, with_paler_walls(alone, small)
-    ink = (small > LINE).astype(np.uint8)
+    ink = (small > DARK).astype(np.uint8)
     return small, choose(find_candidates(small), find_extent(small), ink)
 
 
@@ -268,7 +259,7 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     """Faces of each storey, where the ink of the full picture has them."""
     walls = np.array(interpretation.all_walls, dtype=object)
     parts = [_faces_of_style(part) for part in interpretation.parts]
-    faces = _together(parts)
+    faces = RegionFaces.together(parts)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = shrunk(upright.darkness, shrink)
     is_drawn = small > FAINT_LINE
@@ -281,7 +272,7 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     for part, own in zip(interpretation.parts, parts, strict=True):
         found = RegionFaces((own.ends + 0.5) * size - 0.5, own.normals, own.thickness * shrink)
         settled.append(_settled(found, part.candidate, upright, shrink))
-    faces = _together(settled)
+    faces = RegionFaces.together(settled)
     words = storey_words(walls, storey_of)
     doubts = find_doubts(faces.ends, openings, interpretation.all_walls, len(words))
     if len(words) > MOST_STOREYS:
@@ -294,14 +285,6 @@ def _faces_of_style(part: Interpretation) -> RegionFaces:
     is_alone = part.candidate.style is WallStyle.BLACK_ALONE
     least_px = 3.0 if is_alone else max(0.5 * part.thickness_px, 5.0)
     return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
-
-
-def _together(parts: Sequence[RegionFaces]) -> RegionFaces:
-    return RegionFaces(
-        np.concatenate([part.ends for part in parts]),
-        np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.thickness for part in parts]),
-    )
 
 
 def _settled(
@@ -340,12 +323,12 @@ def _to_floorplan(
     mirror = np.array([1.0, -1.0])
     return Floorplan(
         name,
-        _moved(ends, picture_from_upright) * mirror,
+        segments.moved(ends, picture_from_upright) * mirror,
         normals @ picture_from_upright[:, :2].T * mirror,
         np.ones(len(ends), dtype=bool),
         fingerprint,
         thickness,
-        _moved(openings, picture_from_upright) * mirror,
+        segments.moved(openings, picture_from_upright) * mirror,
         is_metric=False,
         source=PlanSource(
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
@@ -393,9 +376,3 @@ def _warnings(
 
 def _picture_from(upright: Upright) -> Float[np.ndarray, "2 3"]:
     return np.asarray(cv2.invertAffineTransform(upright.upright_from_picture))
-
-
-def _moved(
-    ends: Float[np.ndarray, "n 2 2"], affine: Float[np.ndarray, "2 3"]
-) -> Float[np.ndarray, "n 2 2"]:
-    return ends @ affine[:, :2].T + affine[:, 2]

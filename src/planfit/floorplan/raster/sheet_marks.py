@@ -44,6 +44,14 @@ drawings."""
 _NOISE = 0.5
 """Deviation within the tiles of a picture, of 255, at the quietest quarter: 0 of drawings, 0.7 and more of
 photographs and scans."""
+_DESK_SIDE_PX = 400
+_DESK = 0.55
+"""Of the brightness of the sheet: walls filled in grey are as dark, but slim."""
+_THICK, _LEAST_DARK = 0.03, 0.02
+"""Thicker than this share of the picture everywhere, and of more than this share of its area; real walls are
+0.01 thick."""
+_ALONG_RIM = 0.1
+"""Share of a side of the picture that is dark where a desk lies along it."""
 
 
 def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
@@ -158,12 +166,10 @@ def _has_four_sides(mask: Bool[np.ndarray, "h w"]) -> bool:
     return all(side.mean() > 0.9 for side in sides)
 
 
-def without_signs(
-    image_bgr: UInt8[np.ndarray, "h w 3"],
-) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
+def without_signs(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[UInt8[np.ndarray, "h w 3"], bool]:
     """The picture with what is in safety colours as white paper, where it has those of an escape plan; and
     whether it has."""
-    colour = _colourful(image_bgr)
+    colour = image_bgr.max(axis=2) - image_bgr.min(axis=2) > _COLOURFUL
     strongest = image_bgr.argmax(axis=2)
     green, red = (float((colour & (strongest == channel)).mean()) for channel in (1, 2))
     paper = float((image_bgr.min(axis=2) > 255 - _COLOURFUL // 2).mean())
@@ -174,10 +180,6 @@ def without_signs(
     cleared = image_bgr.copy()
     cleared[cv2.dilate(colour.astype(np.uint8), kernel) > 0] = 255
     return cleared, True
-
-
-def _colourful(image_bgr: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
-    return image_bgr.max(axis=2) - image_bgr.min(axis=2) > _COLOURFUL
 
 
 def is_photograph(image_bgr: UInt8[np.ndarray, "h w 3"]) -> bool:
@@ -209,4 +211,42 @@ def photograph_words(image_bgr: UInt8[np.ndarray, "h w 3"]) -> str:
     return (
         "the picture looks like a photograph: of a facade or a room it is no floorplan; of a sheet, crop it "
         "to that, and compare the overlay (-o FILE.png) with the drawing"
+    )
+
+
+def dark_sides(image_bgr: UInt8[np.ndarray, "h w 3"]) -> int:
+    """How many sides of a picture are dark, by regions much thicker than any wall."""
+    h, w = image_bgr.shape[:2]
+    shrink = max(1.0, max(h, w) / _DESK_SIDE_PX)
+    size = (max(round(w / shrink), 1), max(round(h / shrink), 1))
+    small = cv2.cvtColor(
+        cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY
+    )
+    sheet = float(np.median(small))
+    if sheet < 100:  # a drawing in white on dark
+        return 0
+    reach = (
+        int(_THICK * max(small.shape)) // 2 * 2 + 1
+    )  # odd: an even one would shift what it opens
+    dark = (small < _DESK * sheet).astype(np.uint8)
+    # Bright around: a wall that the rim cuts is no thicker than what of it is in the picture.
+    solid = cv2.morphologyEx(
+        cv2.copyMakeBorder(dark, reach, reach, reach, reach, cv2.BORDER_CONSTANT),
+        cv2.MORPH_OPEN,
+        np.ones((reach, reach), np.uint8),
+    )[reach:-reach, reach:-reach]
+    if float(solid.mean()) < _LEAST_DARK:
+        return 0
+    sides = (solid[0], solid[-1], solid[:, 0], solid[:, -1])
+    return sum(float(side.mean()) > _ALONG_RIM for side in sides)
+
+
+def surroundings_words(image_bgr: UInt8[np.ndarray, "h w 3"]) -> str:
+    """A doubt where a picture shows a dark desk around its sheet, else empty."""
+    n_sides = dark_sides(image_bgr)
+    if n_sides < 2:
+        return ""
+    return (
+        f"the picture is dark along {n_sides} of its sides, as the desk around a photographed sheet is, "
+        "whose edge may be read as wall: crop the picture to the sheet"
     )

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Shaped, UInt8
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.line_work import outlines
 from planfit.floorplan.vector.regions import RegionFaces
 from planfit.geometry import segments
 
@@ -17,6 +18,8 @@ _CORNER_PX = 1.6
 _MOST_CONTOURS = 5_000
 """A mask of more is noise or texture, of which tracing and weighing take minutes. Of seven pictures of real
 plans none has more than 383 regions."""
+_MAX_ROWS = 30_000
+"""OpenCV maps at most 32,767 rows at once."""
 _SNAP_PX = 1.0
 """An edge is set along a row or column where its ends need to move by no more than this."""
 
@@ -57,11 +60,8 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
 
 def straight_length(region: shapely.Polygon, least_px: float) -> float:
     """Length of a polygon's edges that are at least so long."""
-    total = 0.0
-    for ring in (region.exterior, *region.interiors):
-        length = np.linalg.norm(np.diff(np.asarray(ring.coords), axis=0), axis=1)
-        total += float(length[length >= least_px].sum())
-    return total
+    length = segments.lengths(outlines([region]))
+    return float(length[length >= least_px].sum())
 
 
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
@@ -169,13 +169,7 @@ def settle_faces(
     offsets = np.arange(-reach_px - 1.0, reach_px + 1.01, 0.25)
     points, face = segments.sample(faces.ends, 2.0)
     normals = faces.normals[face]
-    at: np.ndarray = points[:, None] + offsets[None, :, None] * normals[:, None]
-    profile = np.zeros(at.shape[:2], np.float32)
-    for first in range(0, len(at), 30_000):  # OpenCV maps at most 32,767 rows
-        part = at[first : first + 30_000].astype(np.float32)
-        profile[first : first + 30_000] = cv2.remap(
-            darkness, part[..., 0], part[..., 1], cv2.INTER_LINEAR, borderValue=0
-        )
+    profile = profiles(darkness, points, normals, offsets, cv2.INTER_LINEAR)
     if is_stroke:
         weight = np.maximum(profile - level * 0.5, 0.0)
         total = weight.sum(axis=1)
@@ -199,6 +193,27 @@ def settle_faces(
         faces.normals,
         np.maximum(faces.thickness + moves, 0.5),
     )
+
+
+def profiles(
+    picture: Shaped[np.ndarray, "h w"],
+    points: Float[np.ndarray, "m 2"],
+    directions: Float[np.ndarray, "m 2"],
+    offsets: Float[np.ndarray, " k"],
+    interpolation: int,
+) -> Shaped[np.ndarray, "m k"]:
+    """What a picture has at offsets (px) from points along a direction of each; 0 beyond its rim.
+
+    `interpolation`: of OpenCV.
+    """
+    at = (points[:, None] + offsets[None, :, None] * directions[:, None]).astype(np.float32)
+    result = np.zeros(at.shape[:2], picture.dtype)
+    for first in range(0, len(at), _MAX_ROWS):
+        part = at[first : first + _MAX_ROWS]
+        result[first : first + _MAX_ROWS] = cv2.remap(
+            picture, part[..., 0], part[..., 1], interpolation, borderValue=0
+        )
+    return result
 
 
 def _runs(sorted_idx: Int[np.ndarray, " m"], n: int) -> Iterator[tuple[int, int]]:

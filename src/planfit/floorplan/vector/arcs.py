@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
@@ -32,9 +32,21 @@ class Circle:
     centre: Float[np.ndarray, "2"]
     radius: float
 
+    def apart(self, points: Float[np.ndarray, "n 2"]) -> float:
+        """How far the furthest of some points is from it."""
+        return float(np.abs(np.linalg.norm(points - self.centre, axis=1) - self.radius).max())
+
 
 def fit_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
     """Where all points lie on one within `ROUND`; None where they do not, as on a line."""
+    circle = nearest_circle(points)
+    if circle is None or circle.radius == 0:
+        return None
+    return circle if circle.apart(points) <= ROUND * circle.radius else None
+
+
+def nearest_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
+    """The circle of least squares; None of points on a line."""
     middle = points.mean(axis=0)
     local = points - middle
     # |p|^2 = 2 c p + r^2 - |c|^2: linear in the centre c (Kasa 1976).
@@ -44,9 +56,6 @@ def fit_circle(points: Float[np.ndarray, "n 2"]) -> Circle | None:
         return None
     centre = solution[:2]
     radius = float(np.sqrt(max(solution[2] + centre @ centre, 0.0)))
-    apart = np.abs(np.linalg.norm(local - centre, axis=1) - radius)
-    if radius == 0 or apart.max() > ROUND * radius:
-        return None
     return Circle(centre + middle, radius)
 
 
@@ -56,16 +65,9 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
     found = np.zeros(n, dtype=bool)
     if n < MIN_SEGMENTS:
         return found
-    along = segments.directions(lines.ends)
-    cross = along[:-1, 0] * along[1:, 1] - along[:-1, 1] * along[1:, 0]
-    bend = np.arctan2(cross, np.einsum("ni,ni->n", along[:-1], along[1:]))
+    bend, joined = joints(lines)
+    joined &= np.abs(bend) < _MAX_BEND
     length = segments.lengths(lines.ends)
-    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    joined = (
-        (lines.path[:-1] == lines.path[1:])
-        & (gap < 1e-3 * np.minimum(length[:-1], length[1:]))
-        & (np.abs(bend) < _MAX_BEND)
-    )
     starts = np.flatnonzero(np.concatenate([[True], ~joined]))
     stops = np.append(starts[1:], n)
     turned = np.concatenate([[0.0], np.cumsum(bend)])
@@ -78,6 +80,17 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
         if circle is not None and length[start:stop].max() < _LONG * circle.radius:
             found[start:stop] = True
     return found
+
+
+def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
+    """Of each two segments in sequence by how much the second turns from the first, rad, to the left > 0, and
+    whether it goes on where that ends, on one path."""
+    along, length = segments.directions(lines.ends), segments.lengths(lines.ends)
+    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
+    is_one = (lines.path[:-1] == lines.path[1:]) & (
+        gap < 1e-3 * np.minimum(length[:-1], length[1:])
+    )
+    return segments.turns(along[:-1], along[1:]), is_one
 
 
 def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
@@ -113,15 +126,7 @@ def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[n
     normals = segments.left_normals(ends[is_face])
     # The outer one of the two looks away from the centre.
     side = np.sign(np.einsum("ni,ni->n", normals, outwards)) * np.sign(gap[is_face])
-    n = int(is_face.sum())
-    faces = LineFaces(
-        ends[is_face],
-        normals * side[:, None],
-        np.ones(n, bool),
-        np.abs(gap[is_face]),
-        np.full(n, -1),
-    )
-    return faces, found
+    return LineFaces.oriented(ends[is_face], normals * side[:, None], np.abs(gap[is_face])), found
 
 
 def _arcs(

@@ -1,20 +1,17 @@
 """What filled and hatched areas mean: solid wall, or the floors of rooms with the walls left out between."""
 
-import itertools
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
 
 from planfit.floorplan.faces import line_strings, weighted_median
-from planfit.floorplan.near_lines import in_blocks
+from planfit.floorplan.near_lines import connected_groups, in_blocks
 from planfit.floorplan.vector.drawing import Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.line_work import cut_out, outlines
+from planfit.floorplan.vector.line_work import cut_out, outlines, path_rings
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
 from planfit.geometry import segments
@@ -210,10 +207,8 @@ def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) ->
         return []
     rooms = _each_once(rooms)
     a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.03 * extent)
-    n = len(rooms)
-    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    size = np.bincount(group, shapely.area(np.array(rooms)), minlength=count)
+    group = connected_groups(a, b, len(rooms))
+    size = np.bincount(group, shapely.area(np.array(rooms)))
     chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
     enclosed = shapely.convex_hull(shapely.GeometryCollection(chosen)).area
     covered = shapely.union_all(chosen).area
@@ -254,13 +249,8 @@ def hatched_areas(
     hatches = ends[is_hatch]
     areas: list[BaseGeometry] = []
     crossings = SelfCrossings()
-    starts = np.flatnonzero(np.diff(path, prepend=-1, append=-1) != 0)
-    for begin, end in itertools.pairwise(starts):
-        if end - begin < 3:
-            continue
-        ring = np.concatenate([ends[begin:end, 0], ends[end - 1 : end, 1]])
-        steps = np.linalg.norm(ends[begin + 1 : end, 0] - ends[begin : end - 1, 1], axis=1)
-        if max(np.linalg.norm(ring[0] - ring[-1]), steps.max()) > 1e-4 * extent:
+    for _, ring, gaps in path_rings(ends, path):
+        if np.linalg.norm(gaps, axis=1).max() > 1e-4 * extent:
             continue
         area = crossings.valid(shapely.Polygon(ring))
         if area.area < (5e-3 * extent) ** 2:
@@ -298,12 +288,10 @@ def edges_of_rooms(
     tree = shapely.STRtree(parts)
     edges, outline = [], 0.0
     for i, part in enumerate(parts):
-        polygon = orient(part)
         others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
         near = shapely.buffer(shapely.union_all(others), 1.5 * tolerance)
-        for ring in (polygon.exterior, *polygon.interiors):
-            corners = np.asarray(ring.coords)[:, :2]
-            ends = np.stack([corners[:-1], corners[1:]], axis=1)
+        for ring in shapely.get_rings(shapely.orient_polygons(part)):
+            ends = outlines([ring])
             edges.append(cut_out(ends, near, 3 * tolerance)[0])
             outline += float(segments.lengths(ends).sum())
     bounding = np.concatenate([*edges, np.zeros((0, 2, 2))])

@@ -8,6 +8,7 @@ from planfit.floorplan.faces import line_strings
 from planfit.floorplan.near_lines import ends_that_meet
 from planfit.floorplan.vector.arcs import fit_circle
 from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.line_work import extremes
 from planfit.geometry import segments
 
 BUBBLE, LEAST_BUBBLES, LONG_AXIS = (3e-3, 0.05), 3, 0.2
@@ -87,10 +88,7 @@ def lines_of_plain_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     met = shapely.intersection(strings[at][i], strings[others][j])
     points, of = shapely.get_coordinates(met, return_index=True)
     place = np.einsum("pi,pi->p", points - start[i[of]], along[i[of]])
-    first = np.full(len(at), np.inf)
-    last = np.full(len(at), -np.inf)
-    np.minimum.at(first, i[of], place)
-    np.maximum.at(last, i[of], place)
+    first, last = extremes(place, i[of], len(at))
     tails = np.stack([first, segments.lengths(lines.ends[at]) - last], axis=1) / extent
     is_axis = np.isfinite(first) & (np.bincount(i, minlength=len(at)) >= LEAST_CROSSED)
     is_axis &= (tails.min(axis=1) > TAILS[0]) & (tails.max(axis=1) > TAILS[1])
@@ -110,6 +108,5 @@ def _long_and_free(lines: Lines, extent: float) -> Int[np.ndarray, " k"]:
     at = at[length[at] > SPAN * whole]
     if not LEAST_PLAIN <= len(at) <= MOST_LONG:
         return at[:0]
-    reach = np.full(len(at), FREE * extent)
-    meets = ends_that_meet(lines.ends[at], at, line_strings(lines.ends), reach)
+    meets = ends_that_meet(lines.ends[at], at, line_strings(lines.ends), FREE * extent)
     return at[~meets.any(axis=1)]

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Int
 
-from planfit.floorplan.vector.arcs import arc_segments
+from planfit.floorplan.vector.arcs import arc_segments, joints
 from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
@@ -104,16 +104,7 @@ def curve_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
     n = len(lines)
     if n < 3:
         return np.zeros(n, dtype=bool)
-    along = segments.directions(lines.ends)
-    bend = np.arctan2(
-        along[:-1, 0] * along[1:, 1] - along[:-1, 1] * along[1:, 0],
-        np.einsum("ni,ni->n", along[:-1], along[1:]),
-    )
-    length = segments.lengths(lines.ends)
-    gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    joined = (lines.path[:-1] == lines.path[1:]) & (
-        gap < 1e-3 * np.minimum(length[:-1], length[1:])
-    )
+    length, (bend, joined) = segments.lengths(lines.ends), joints(lines)
     side = np.where(
         joined & (np.abs(bend) > np.deg2rad(2)) & (np.abs(bend) < np.deg2rad(40)),
         np.sign(bend),

@@ -8,16 +8,16 @@ which in a furnished room is that of furniture.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.sparse
 import scipy.spatial
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.near_lines import connected_groups
 from planfit.floorplan.vector.drawing import Fill, Lines
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.line_work import ends_of
+from planfit.floorplan.vector.line_work import ends_of, extremes, path_rings
 from planfit.floorplan.vector.single_lines import MIN_ENDING
 from planfit.geometry import segments
 
@@ -156,17 +156,9 @@ def joined(pieces: list[BaseGeometry], seam: float) -> BaseGeometry:
 def _closed_areas(lines: Lines) -> np.ndarray:
     """Areas of paths that end where they begin and do not cross themselves."""
     order = np.argsort(lines.path, kind="stable")
-    ends, path = lines.ends[order], lines.path[order]
-    starts = np.flatnonzero(np.diff(path, prepend=-1))
-    stops = np.append(starts[1:], len(path))[: len(starts)]
     found = []
-    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
-        if stop - start < 3:
-            continue
-        ring = np.concatenate([ends[start:stop, 0], ends[stop - 1 : stop, 1]])
-        near = 1e-3 * float(np.ptp(ring, axis=0).max())
-        steps = np.abs(ends[start + 1 : stop, 0] - ends[start : stop - 1, 1]).max()
-        if max(np.abs(ring[0] - ring[-1]).max(), steps) > near:
+    for _, ring, gaps in path_rings(lines.ends[order], lines.path[order]):
+        if np.abs(gaps).max() > 1e-3 * float(np.ptp(ring, axis=0).max()):
             continue
         area = shapely.Polygon(ring)
         if area.is_valid and area.area > 0:
@@ -222,15 +214,11 @@ def _rings(ends: Float[np.ndarray, "n 2 2"], least: float, most: float) -> Shape
     n = len(ends)
     tips = ends.reshape(-1, 2)
     pairs = scipy.spatial.cKDTree(tips).query_pairs(1e-3 * most, output_type="ndarray")
-    corner = _groups(pairs, 2 * n)
+    corner = connected_groups(pairs[:, 0], pairs[:, 1], 2 * n)
     meeting = np.bincount(corner)
-    ring = _groups(np.stack([corner[::2], corner[1::2]], axis=1), int(corner.max()) + 1)[
-        corner[::2]
-    ]
+    ring = connected_groups(corner[::2], corner[1::2], len(meeting))[corner[::2]]
     count = int(ring.max()) + 1
-    low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
-    np.minimum.at(low, np.repeat(ring, 2), tips)
-    np.maximum.at(high, np.repeat(ring, 2), tips)
+    low, high = extremes(tips, np.repeat(ring, 2), count)
     fits = ((high - low).min(axis=1) >= least) & ((high - low).max(axis=1) <= most)
     fits &= np.bincount(np.repeat(ring, 2), meeting[corner] != 2, minlength=count) == 0
     found = []
@@ -240,12 +228,6 @@ def _rings(ends: Float[np.ndarray, "n 2 2"], least: float, most: float) -> Shape
         area = shapely.get_parts(shapely.polygonize(line_strings(snapped)))
         found += [*area] if len(area) == 1 else []
     return np.array(found, dtype=object)
-
-
-def _groups(pairs: Int[np.ndarray, "p 2"], n: int) -> Int[np.ndarray, " n"]:
-    """Number of the connected group of each of `n`."""
-    graph = scipy.sparse.coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    return scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
 
 
 def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
@@ -282,13 +264,7 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
 
 def _closed_paths(lines: Lines) -> list[shapely.Polygon]:
     """Paths of four segments or more that end where they began."""
-    starts = np.flatnonzero(np.diff(lines.path, prepend=-1) != 0)
-    found = []
-    for start, stop in zip(starts, np.append(starts[1:], len(lines)), strict=True):
-        ends: Float[np.ndarray, "n 2 2"] = lines.ends[start:stop]
-        is_joined = np.allclose(ends[:-1, 1], ends[1:, 0]) and np.allclose(ends[-1, 1], ends[0, 0])
-        if stop - start >= 4 and is_joined:
-            ring = shapely.Polygon(ends[:, 0])
-            if ring.is_valid:
-                found.append(ring)
-    return found
+    rings = path_rings(lines.ends, lines.path)
+    closed = [ring[:-1] for _, ring, gaps in rings if np.allclose(ring[:-1] - gaps, ring[:-1])]
+    areas = [shapely.Polygon(corners) for corners in closed if len(corners) >= 4]
+    return [area for area in areas if area.is_valid]

@@ -12,8 +12,9 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
+from planfit.floorplan.near_lines import ends_that_meet
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.door_swings import DoorSwing
-from planfit.floorplan.vector.double_lines import LineFaces
 from planfit.geometry import segments
 
 BESIDE = 0.15
@@ -148,7 +149,7 @@ def cut_faces(
             at = max(at, high)
     parts = faces.take(np.array(source, dtype=int))
     parts = replace(parts, ends=np.array(kept).reshape(-1, 2, 2))
-    both = LineFaces.together([faces.take(whole), parts])
+    both = LineFaces.of_parts([faces.take(whole), parts])
     return OpenedDoors(both, np.array(openings).reshape(-1, 2, 2), n_doors)
 
 
@@ -217,11 +218,8 @@ def _jambs(
         return lines[:0]
     length = segments.lengths(lines)
     short = lines[(length > _THICK[0] * known.min()) & (length < _THICK[1] * known.max())]
-    tips = np.asarray(shapely.points(short.reshape(-1, 2)), dtype=object)
-    tip, _ = shapely.STRtree(line_strings(faces.ends)).query(tips, "dwithin", distance=tolerance)
-    meets = np.zeros(len(tips), dtype=bool)
-    meets[tip] = True
-    return short[meets.reshape(-1, 2).all(axis=1)]
+    meets = ends_that_meet(short, np.full(len(short), -1), line_strings(faces.ends), tolerance)
+    return short[meets.all(axis=1)]
 
 
 def _share_with_jambs(
@@ -230,11 +228,8 @@ def _share_with_jambs(
     """Of the openings, those with a jamb at both ends."""
     if len(jambs) == 0:
         return 0.0
-    tips = np.asarray(shapely.points(openings.reshape(-1, 2)), dtype=object)
-    tip, _ = shapely.STRtree(line_strings(jambs)).query(tips, "dwithin", distance=near)
-    has = np.zeros(len(tips), dtype=bool)
-    has[tip] = True
-    return float(has.reshape(-1, 2).all(axis=1).mean())
+    has = ends_that_meet(openings, np.full(len(openings), -1), line_strings(jambs), near)
+    return float(has.all(axis=1).mean())
 
 
 def _doors_between(at: Float[np.ndarray, " k"], width: float) -> list[tuple[float, float]]:

@@ -5,19 +5,21 @@ treads and hatches in rows at equal distance, panes of windows between two other
 in short lines that touch nothing.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
-import scipy.sparse
 import shapely
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.faces import (
+    PARALLEL_SINE,
     Partners,
     find_partners,
     line_strings,
     weighted_median,
 )
+from planfit.floorplan.near_lines import connected_groups
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.wall_sides import (
     inner_lines,
     side_seen_from_partner,
@@ -37,8 +39,6 @@ ALIKE, SELDOM = (0.9, 1.1), 0.02
 LEAST_OFTEN, SURELY_OFTEN = 6.0, 60.0
 """A thickness is one of walls where, within such shares of it, walls have such a share of all their length;
 at least and at most so many thicknesses. At 0.04 the few thick walls of an office were lost."""
-PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
-"""Lines that differ by less are parallel."""
 
 
 @dataclass(frozen=True)
@@ -48,38 +48,6 @@ class Thickness:
     usual: float
     least: float
     most: float
-
-
-@dataclass(frozen=True)
-class LineFaces:
-    """Faces among lines; all in the unit of the drawing."""
-
-    ends: Float[np.ndarray, "m 2 2"]
-    normals: Float[np.ndarray, "m 2"]
-    is_oriented: Bool[np.ndarray, " m"]
-    thickness: Float[np.ndarray, " m"]
-    """NaN where unknown."""
-    line: Int[np.ndarray, " m"]
-    """Index of the line that each lies on, -1 for none."""
-
-    def take(self, keep: Shaped[np.ndarray, " k"]) -> "LineFaces":
-        """Those of a mask or an index."""
-        return LineFaces(
-            self.ends[keep],
-            self.normals[keep],
-            self.is_oriented[keep],
-            self.thickness[keep],
-            self.line[keep],
-        )
-
-    @staticmethod
-    def together(parts: "list[LineFaces]") -> "LineFaces":
-        """All of several; none of no parts."""
-        none = LineFaces(
-            np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0, bool), np.zeros(0), np.zeros(0, int)
-        )
-        names = [field.name for field in fields(LineFaces)]
-        return LineFaces(*(np.concatenate([getattr(p, n) for p in [none, *parts]]) for n in names))
 
 
 def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[float, float]:
@@ -145,12 +113,8 @@ def rows_of_lines(
     with np.errstate(invalid="ignore"):
         is_regular = both & (np.abs(gap_left - gap_right) < 0.1 * (gap_left + gap_right) / 2)
     at = np.flatnonzero(is_regular)
-    graph = scipy.sparse.coo_matrix(
-        (np.ones(2 * len(at)), (np.tile(at, 2), np.concatenate([left[at], right[at]]))),
-        shape=(n, n),
-    )
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
-    regular = np.bincount(group, is_regular, minlength=count)
+    group = connected_groups(np.tile(at, 2), np.concatenate([left[at], right[at]]), n)
+    regular = np.bincount(group, is_regular)
     return _families(ends, style, regular[group] >= 4)
 
 
@@ -172,8 +136,8 @@ def faces_of_lines(
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
     free_side: Int[np.ndarray, " n"],
-) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
-    """Faces of walls drawn as two lines, and the lines that lie between two faces (windows).
+) -> LineFaces:
+    """Faces of walls drawn as two lines.
 
     Args:
         ends: merged, no two on one another.
@@ -210,7 +174,7 @@ def faces_of_lines(
     pairs = pairs.take(is_called | _are_as_thick(pairs, is_certain | is_called))
     in_wall = _standing(ends, pairs, thickness, is_surely_wall, reach)
     pairs = pairs.take(in_wall[pairs.line])
-    return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness), is_inner
+    return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness)
 
 
 def _is_free_between(
@@ -264,10 +228,8 @@ def _with_short(
     keep &= wall_side[near.line] == np.sign(near.gap)
     keep &= wall_side[near.partner] == side_seen_from_partner(ends, near)
     keep &= np.abs(near.gap) <= 1.01 * depth[near.line]
-    both = [np.concatenate([getattr(pairs, name), getattr(near, name)[keep]])
-            for name in ("line", "partner", "gap", "low", "high")]  # fmt: skip
-    order = np.argsort(both[0], kind="stable")
-    return Partners(*(values[order] for values in both))
+    both = Partners.together([pairs, near.take(keep)])
+    return both.take(np.argsort(both.line, kind="stable"))
 
 
 def _standing(
@@ -291,13 +253,13 @@ def _standing(
         lines[at], predicate="dwithin", distance=0.05 * thickness.usual
     )
     a, b = np.concatenate([at[a], pairs.line]), np.concatenate([at[b], pairs.partner])
-    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    group = connected_groups(a, b, n)
+    count = int(group.max(initial=-1)) + 1
     overlap = pairs.high - pairs.low
     total = np.bincount(group[pairs.line], overlap, minlength=count) / 2
     slim = np.zeros(count)
     np.maximum.at(slim, group[pairs.line], overlap / np.abs(pairs.gap))
-    sure = np.bincount(group, is_surely_wall, minlength=count) > 0
+    sure = np.bincount(group, is_surely_wall) > 0
     is_wall = (total > 6 * thickness.usual) & (slim > 4)
     stands = in_pair & (is_wall | (sure & (total > thickness.usual)))[group]
     while True:
@@ -366,10 +328,9 @@ def _faces(
             normals.append(-wall_side[i] * left[i])
             depths.append(depth)
             of_line.append(i)
-    return LineFaces(
+    return LineFaces.oriented(
         np.array(new_ends).reshape(-1, 2, 2),
         np.array(normals).reshape(-1, 2),
-        np.ones(len(new_ends), dtype=bool),
         np.array(depths),
         np.array(of_line, dtype=int),
     )

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.faces import Rows
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import (
     MANY,
@@ -27,7 +28,7 @@ EDGE = 1e-3
 
 
 @dataclass(frozen=True)
-class Lines:
+class Lines(Rows):
     """Straight segments of line work, x right and y up in the drawing."""
 
     ends: Float[np.ndarray, "n 2 2"]
@@ -44,17 +45,6 @@ class Lines:
 
     def __len__(self) -> int:
         return len(self.ends)
-
-    def take(self, keep: Shaped[np.ndarray, " k"]) -> "Lines":
-        """Those of a mask or an index."""
-        return Lines(
-            self.ends[keep],
-            self.layer[keep],
-            self.path[keep],
-            self.style[keep],
-            self.is_curved[keep],
-            self.is_dashed[keep],
-        )
 
 
 @dataclass(frozen=True)
@@ -260,10 +250,7 @@ def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:
 
 
 def _cut(
-    lines: Lines,
-    is_whole: Bool[np.ndarray, " n"],
-    source: Int[np.ndarray, " k"],
-    shown: np.ndarray,
+    lines: Lines, is_whole: Bool[np.ndarray, " n"], source: Int[np.ndarray, " k"], shown: np.ndarray
 ) -> Lines:
     """Lines with what shows of some in the place of each, so that paths stay together.
 

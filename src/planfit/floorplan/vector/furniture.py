@@ -5,10 +5,17 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import Partners, covered_lengths, find_partners, line_strings
+from planfit.floorplan.faces import (
+    PARALLEL_SINE,
+    Partners,
+    covered_lengths,
+    find_partners,
+    line_strings,
+)
 from planfit.floorplan.near_lines import groups_within
-from planfit.floorplan.vector.double_lines import PARALLEL_SINE, Thickness
+from planfit.floorplan.vector.double_lines import Thickness
 from planfit.floorplan.vector.drawing import EDGE
+from planfit.floorplan.vector.line_work import extremes
 from planfit.floorplan.vector.wall_sides import sides_with_room
 from planfit.geometry import segments
 
@@ -52,9 +59,7 @@ def are_furniture(
         return result
     group = groups_within(ends, TOUCHING * extent)
     count = np.bincount(group)
-    low, high = np.full((len(count), 2), np.inf), np.full((len(count), 2), -np.inf)
-    np.minimum.at(low, group, ends.min(axis=1))
-    np.maximum.at(high, group, ends.max(axis=1))
+    low, high = extremes(ends.reshape(-1, 2), np.repeat(group, 2), len(count))
     size = (high - low).max(axis=1)
     asked = (count >= 3) & (count <= MOST_LINES)
     asked &= (size < LARGEST * extent) & (size > SLIM * thickness.usual)
@@ -77,16 +82,13 @@ def are_furniture(
         sides = np.linalg.norm(np.diff(corners[:3], axis=0), axis=1)
         if sides.max() >= LONGEST * sides.min():
             continue
-        is_body = not _holds_a_room(list(areas), thickness.most) and _looks_out(
+        # A room is wider than what furniture has within its parts, as the seat of a sofa.
+        cores = shapely.buffer(areas, -ROOM / 2 * thickness.most, quad_segs=16)
+        is_body = bool(shapely.is_empty(cores).all()) and _looks_out(
             ends[own], free_side[own], hull
         )
         result[own] = (is_body or not has_faces[one]) and not walls.go_on(int(one))
     return result
-
-
-def _holds_a_room(areas: list[BaseGeometry], most: float) -> bool:
-    """Whether one of the areas is wider than what furniture has within its parts, as the seat of a sofa."""
-    return any(not area.buffer(-ROOM / 2 * most).is_empty for area in areas)
 
 
 def _looks_out(

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planfit.findings.plan_kinds import MAX_NAMED
-from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.geometry import segments
@@ -30,14 +29,6 @@ class LayerLength:
     """Length of the faces among them."""
 
 
-@dataclass(frozen=True)
-class LayerWords:
-    """Sentences for `PlanSource`."""
-
-    dropped: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
 def length_words(amount: float, metres_per_unit: float | None) -> str:
     """A length in a drawing's unit, in metres where that is known."""
     if metres_per_unit is None:
@@ -47,7 +38,7 @@ def length_words(amount: float, metres_per_unit: float | None) -> str:
 
 def words_on_layers(
     layers: Sequence[LayerLength], metres_per_unit: float | None, is_chosen: bool = False
-) -> LayerWords:
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Layers that were left out by name, line work that was taken for no wall, and layers called wall that
     gave few faces.
 
@@ -55,6 +46,8 @@ def words_on_layers(
         layers: lengths in the unit of the drawing.
         metres_per_unit: None where it is unknown.
         is_chosen: whether the user named the layers that hold walls.
+
+    Returns what was left out and what to look at, a sentence each, for `PlanSource`.
     """
 
     def length(amount: float) -> str:
@@ -89,7 +82,7 @@ def words_on_layers(
                 f"layer {each.name!r} {called}, but of its {length(each.drawn)} of lines only "
                 f"{length(each.taken)} became faces: compare the overlay (-o FILE.png) with the drawing"
             )
-    return LayerWords(tuple(dropped), tuple(warnings))
+    return tuple(dropped), tuple(warnings)
 
 
 def lengths_by_layer(

@@ -1,24 +1,23 @@
 """Geometry of line work: sets of segments (n, 2, 2), curves and outlines as segments."""
 
-from collections.abc import Sequence
-from itertools import chain
+from collections.abc import Iterator, Sequence
+from itertools import chain, pairwise
 
 import numpy as np
-import scipy.sparse
 import shapely
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import PARALLEL_SINE, line_strings
 from planfit.floorplan.near_lines import (
     MAX_PAIRS,
     at_most,
+    connected_groups,
     in_blocks,
     possible_partners,
 )
 from planfit.geometry import segments
 
-_PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 SEGMENTS_A_CUBIC = 12
 """A quarter circle then strays by 0.2 % of its radius, a millimetre in a door's arc."""
 MAX_LINES = 100_000
@@ -47,6 +46,53 @@ def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray,
     return points, True
 
 
+class SubPaths:
+    """The sub-paths of a path of a file, whose points are added one after the other."""
+
+    def __init__(self) -> None:
+        self._points: list[np.ndarray] = []
+        self._curved: list[bool] = []
+        self._found: list[tuple[np.ndarray, np.ndarray]] = []
+
+    def __len__(self) -> int:
+        """Points of the sub-path that is open."""
+        return len(self._points)
+
+    @property
+    def last(self) -> Float[np.ndarray, "2"]:
+        """The point that was added last."""
+        return self._points[-1]
+
+    def move(self, to: Float[np.ndarray, "2"]) -> None:
+        """Begin another sub-path."""
+        if len(self._points) > 1:
+            self._found.append((np.array(self._points), np.array(self._curved, dtype=bool)))
+        self._points, self._curved = [to], []
+
+    def line(self, to: Float[np.ndarray, "2"]) -> None:
+        """A straight segment."""
+        self._points.append(to)
+        self._curved.append(False)
+
+    def cubic(self, controls: Float[np.ndarray, "4 2"]) -> None:
+        """A curve by its control points, the first of which is where the path is."""
+        flat, is_bent = flatten_cubic(controls)
+        self._points.extend(flat)
+        self._curved.extend([is_bent] * len(flat))
+
+    def close(self) -> None:
+        """Back to where the sub-path begins; another begins there."""
+        if np.abs(self._points[-1] - self._points[0]).max() > 0:
+            self.line(self._points[0])
+        self.move(self._points[0])
+
+    def found(self) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+        """Each sub-path as points (k, 2) and which of its segments (k - 1,) are curved."""
+        if self._points:
+            self.move(self._points[-1])
+        return self._found
+
+
 def merge_collinear(
     ends: Float[np.ndarray, "n 2 2"], tolerance: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " n"]]:
@@ -58,9 +104,8 @@ def merge_collinear(
     if len(ends) == 0:
         return ends, np.zeros(0, dtype=int)
     a, b = _on_one_another(ends, tolerance)
-    n = len(ends)
-    graph = scipy.sparse.coo_matrix((np.ones(len(a)), (a, b)), shape=(n, n))
-    count, group = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    group = connected_groups(a, b, len(ends))
+    count = int(group.max()) + 1
     length = segments.lengths(ends)
     # The longest of each group gives the line, all of it the extent.
     # Sorted by group, then longest first: the first of each group is its longest.
@@ -68,9 +113,7 @@ def merge_collinear(
     first = order[np.searchsorted(group[order], np.arange(count))]
     origin, along = ends[first, 0], segments.directions(ends)[first]
     at = np.einsum("nei,ni->ne", ends - origin[group][:, None], along[group])
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, group, at.min(axis=1))
-    np.maximum.at(high, group, at.max(axis=1))
+    low, high = extremes(at.ravel(), np.repeat(group, 2), count)
     merged = origin[:, None] + np.stack([low, high], axis=1)[:, :, None] * along[:, None]
     return merged, group
 
@@ -81,10 +124,10 @@ def _on_one_another(
     """Pairs of (longer, shorter) lines that touch within `tolerance`, the shorter along the other's line."""
     lines, length = line_strings(ends), segments.lengths(ends)
     # Both ends of the shorter are that near to a line: only specks may lie across it.
-    is_speck = length < 2.1 * tolerance / _PARALLEL_SINE
+    is_speck = length < 2.1 * tolerance / PARALLEL_SINE
     specks, others = np.flatnonzero(is_speck), np.flatnonzero(~is_speck)
     of_specks = in_blocks(lines[specks], shapely.STRtree(lines), tolerance)
-    of_others = possible_partners(ends[others], tolerance, _PARALLEL_SINE)
+    of_others = possible_partners(ends[others], tolerance, PARALLEL_SINE)
     pairs = chain(
         ((a, specks[b]) for b, a in of_specks), ((others[a], others[b]) for a, b in of_others)
     )
@@ -129,11 +172,48 @@ def outlines(shapes: Sequence[BaseGeometry]) -> Float[np.ndarray, "k 2 2"]:
     parts = shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object)))
     kinds = shapely.get_type_id(parts)
     rings = shapely.get_rings(parts[kinds == shapely.GeometryType.POLYGON])
-    lines = parts[kinds == shapely.GeometryType.LINESTRING]
+    lines = parts[
+        np.isin(kinds, [shapely.GeometryType.LINESTRING, shapely.GeometryType.LINEARRING])
+    ]
     points, of = shapely.get_coordinates(np.concatenate([rings, lines]), return_index=True)
     # Two points in sequence are a segment where they are of one line.
     same = of[:-1] == of[1:]
     return np.stack([points[:-1][same], points[1:][same]], axis=1)
+
+
+def edges_of_areas(shapes: Sequence[BaseGeometry]) -> Float[np.ndarray, "k 2 2"]:
+    """Edges of the areas among some shapes, the inside on their left."""
+    parts = shapely.get_parts(shapely.get_parts(np.array(shapes, dtype=object)))
+    is_area = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    return outlines(list(shapely.orient_polygons(parts[is_area])))
+
+
+def path_rings(
+    ends: Float[np.ndarray, "n 2 2"], path: Int[np.ndarray, " n"]
+) -> Iterator[tuple[slice, Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]]:
+    """Of each path of three segments or more which they are, its points in order, and from where each segment
+    begins to the end of the one before: of the first to that of the last, so that all are 0 of a ring.
+
+    Args:
+        ends: of segments, those of one path one after the other.
+        path: of each segment, from 0.
+    """
+    for start, stop in pairwise(np.flatnonzero(np.diff(path, prepend=-1, append=-1))):
+        if stop - start >= 3:
+            own = ends[start:stop]
+            gaps = own[:, 0] - np.roll(own[:, 1], 1, axis=0)
+            yield slice(start, stop), np.concatenate([own[:, 0], own[-1:, 1]]), gaps
+
+
+def extremes(
+    values: Float[np.ndarray, "p ..."], of: Int[np.ndarray, " p"], n: int
+) -> tuple[Float[np.ndarray, "n ..."], Float[np.ndarray, "n ..."]]:
+    """The least and the greatest of the values of each of `n` groups; infinite of a group that has none."""
+    low = np.full((n, *values.shape[1:]), np.inf)
+    high = np.full((n, *values.shape[1:]), -np.inf)
+    np.minimum.at(low, of, values)
+    np.maximum.at(high, of, values)
+    return low, high
 
 
 def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.ndarray, "k 2 2"]:
@@ -142,13 +222,6 @@ def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.nd
         return ends
     shortest_first = np.argsort(segments.lengths(ends), kind="stable")
     return ends[np.sort(shortest_first[-n:])]
-
-
-def moved(
-    ends: Float[np.ndarray, "n 2 2"], there_from_here: Float[np.ndarray, "3 3"]
-) -> Float[np.ndarray, "n 2 2"]:
-    """Segments under an affine map."""
-    return ends @ there_from_here[:2, :2].T + there_from_here[:2, 2]
 
 
 def usual_extent(points: Float[np.ndarray, "n 2"]) -> float:

@@ -16,7 +16,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import SHORTEST_SHARE, Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.layer_words import length_words
-from planfit.floorplan.vector.line_work import longest, moved
+from planfit.floorplan.vector.line_work import longest
 from planfit.floorplan.vector.units import unit_of_drawing
 from planfit.geometry import segments
 
@@ -58,7 +58,7 @@ def plan_of_own_drawing(
     # planfit writes no unit where it knew none, which is nothing to be guessed again.
     told = drawing if drawing.metres_per_unit else replace(drawing, unit="paper")
     unit = unit_of_drawing(told, path, options, size, None)
-    metres = unit.metres_per_unit
+    metres = unit.metres
     is_oriented = np.arange(len(ends)) < len(faces)
     is_mirrored = _is_mirrored(faces, metres)
     normals = segments.left_normals(ends) * (-1.0 if is_mirrored else 1.0)
@@ -80,14 +80,14 @@ def plan_of_own_drawing(
         is_metric=metres is not None,
         source=PlanSource(
             kind=f"{kind}, written by planfit",
-            unit=unit.unit,
-            unit_from=unit.unit_from,
+            unit=unit.name,
+            unit_from=unit.known_from,
             layers=tuple(name for name in (FACES, LINES) if name in _names(drawing)),
             dropped=_dropped(drawing, is_other, metres),
             warnings=warnings,
             file_from_plan=file_from_drawing @ np.diag([1 / scale, 1 / scale, 1.0]),
-            drawn_lines=moved(longest(ends), file_from_drawing),
-            dropped_lines=moved(longest(drawing.lines.ends[is_other]), file_from_drawing),
+            drawn_lines=segments.moved(longest(ends), file_from_drawing),
+            dropped_lines=segments.moved(longest(drawing.lines.ends[is_other]), file_from_drawing),
         ),
     )
 

@@ -1,35 +1,37 @@
-"""From a drawing, whatever its format, to a floorplan: clean, choose layers, find walls and unit."""
+"""From a drawing, whatever its format, to a floorplan: clean, choose layers, find walls and unit, and tell
+storeys that are drawn beside one another."""
 
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import weighted_median
-from planfit.floorplan.options import PlanOptions
-from planfit.floorplan.plans_on_sheet import MOST_STOREYS, storey_number, storeys_warning
-from planfit.floorplan.plausible import (
-    are_closed_rooms,
-    closed_shares,
-    closed_words,
-    sketch_words,
+from planfit.floorplan.options import PlanOptions, PlanUnit
+from planfit.floorplan.plans_on_sheet import (
+    MOST_STOREYS,
+    find_storeys,
+    storey_number,
+    storey_words,
+    storeys_warning,
 )
+from planfit.floorplan.plausible import are_closed_rooms, closed_shares, closed_words, sketch_words
+from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.types import Floorplan, PlanSource
+from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.cleaning import cleaned
-from planfit.floorplan.vector.drawing import VectorDrawing
+from planfit.floorplan.vector.drawing import EDGE, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
-from planfit.floorplan.vector.line_work import longest, moved, outlines
+from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
-from planfit.floorplan.vector.storeys import DrawnStoreys, storeys_of_drawing
-from planfit.floorplan.vector.units import UnitFound, unit_of_drawing
+from planfit.floorplan.vector.units import unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
 
@@ -37,6 +39,13 @@ SKETCH_PX = 1000.0
 """What sketches are told by is measured in pixels of a picture as wide."""
 FAR_FROM_ORIGIN = 20.0
 """Coordinates further from the origin than this many times the plan's size are moved to it."""
+SIDE = 1200
+"""Cells along the longer side of the grid in which is looked at what is drawn between two plans."""
+LONGEST_PANE = 0.4
+"""Lines longer than this share of the drawing that are no faces join no plans: axes and section lines run
+through all that are on a sheet."""
+THIN = EDGE
+"""Thickness of a wall drawn as one line, of the drawing's size."""
 
 
 def plan_of_drawing(
@@ -79,20 +88,16 @@ def plan_of_drawing(
         hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
         walls = replace(walls, dropped=(*walls.dropped, hidden))
     if walls.shared_edges > 0:
-        edges = length_words(walls.shared_edges, unit.metres_per_unit)
+        edges = length_words(walls.shared_edges, unit.metres)
         shared = f"{edges} of edges where two rooms meet without a wall between them"
         walls = replace(walls, dropped=(*walls.dropped, shared))
     origin = _origin(walls.faces.ends)
     walls, storeys = _of_storey(walls, drawing, path, options.storey)
-    by_layer = words_on_layers(walls.by_layer, unit.metres_per_unit, bool(options.layers))
-    walls = replace(
-        walls,
-        dropped=(*by_layer.dropped, *walls.dropped),
-        warnings=(*walls.warnings, *by_layer.warnings),
-    )
+    left, doubts = words_on_layers(walls.by_layer, unit.metres, bool(options.layers))
+    warnings = (*unit.warnings, *walls.warnings, *doubts)
     drawn, left_out = shown_lines(drawing, roles, walls.is_left_out, walls.apart, file_from_drawing)
     faces = walls.faces
-    scale = unit.metres_per_unit or 1.0
+    scale = unit.scale
     return Floorplan(
         str(path),
         (faces.ends - origin) * scale,
@@ -101,22 +106,22 @@ def plan_of_drawing(
         fingerprint,
         thickness=faces.thickness * scale,
         openings=(walls.openings - origin) * scale if len(walls.openings) else None,
-        is_metric=unit.metres_per_unit is not None,
+        is_metric=unit.metres is not None,
         source=PlanSource(
             kind=kind,
-            unit=unit.unit,
-            unit_from=unit.unit_from,
+            unit=unit.name,
+            unit_from=unit.known_from,
             storey=options.storey if storeys else "",
             storeys=storeys,
             layers=tuple(name for name in walls.layers if name),
-            dropped=(*dropped, *walls.dropped),
-            warnings=(*unit.warnings, *walls.warnings),
+            dropped=(*dropped, *left, *walls.dropped),
+            warnings=warnings,
             file_from_plan=file_from_drawing
             @ np.array([[1 / scale, 0, origin[0]], [0, 1 / scale, origin[1]], [0, 0, 1]]),
             drawn_lines=drawn,
             dropped_lines=left_out,
             opening_kinds=walls.opening_kinds,
-            opening_lines=moved(walls.openings, file_from_drawing),
+            opening_lines=segments.moved(walls.openings, file_from_drawing),
             opening_names=walls.opening_names,
             opening_ids=("",) * len(walls.opening_names),
         ),
@@ -133,8 +138,7 @@ def _of_storey(
         FloorplanError: there is no such storey.
     """
     looked_at = drawing.lines.ends[~walls.is_left_out]
-    found = storeys_of_drawing(walls.faces, walls.openings, looked_at)
-    words = found.words
+    of_face, of_opening, words = storeys_of_drawing(walls.faces, walls.openings, looked_at)
     if not asked:
         if len(words) == 1:
             return walls, ()
@@ -144,18 +148,20 @@ def _of_storey(
         )  # fmt: skip
         walls = replace(walls, warnings=(*walls.warnings, warning))
     else:
-        walls = _only(walls, found, storey_number(str(path), asked, words))
+        number = storey_number(str(path), asked, words)
+        walls = _only(walls, of_face == number, of_opening == number)
     names = tuple(f"{k}: {word}" for k, word in enumerate(words))
     return walls, names if 1 < len(words) <= MOST_STOREYS else ()
 
 
-def _only(walls: DrawnWalls, found: DrawnStoreys, storey: int) -> DrawnWalls:
-    """Faces and openings of one storey."""
-    kept = found.of_opening == storey
+def _only(
+    walls: DrawnWalls, is_face: Bool[np.ndarray, " n"], kept: Bool[np.ndarray, " k"]
+) -> DrawnWalls:
+    """Faces and openings (`kept`) of one storey."""
     names = tuple(name for name, keep in zip(walls.opening_names, kept, strict=True) if keep)
     return replace(
         walls,
-        faces=walls.faces.take(found.of_face == storey),
+        faces=walls.faces.take(is_face),
         openings=walls.openings[kept],
         opening_names=names,
         opening_kinds=counted_openings(names),
@@ -179,7 +185,7 @@ def _walls_and_unit(
     bars: list[ScaleBar],
     path: Path,
     options: PlanOptions,
-) -> tuple[DrawnWalls, UnitFound]:
+) -> tuple[DrawnWalls, PlanUnit]:
     """Walls, looked for twice where only their thickness and size tell the unit, which tells how thick they
     may be.
 
@@ -188,11 +194,16 @@ def _walls_and_unit(
     """
     said = options.metres_per_unit
     walls = first = walls_of_drawing(drawing, roles, said)
-    _require_walls(walls, path, drawing)
+    if len(walls.faces.ends) == 0:
+        raise FloorplanError(
+            f"{path}: expected walls as double lines, filled or hatched areas, found none in "
+            f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
+            "pass the layers that hold them, or check that it is a plan"
+        )
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
-    unit = unit_of_drawing(drawing, path, options, size, _usual_thickness(walls), bars)
-    if unit.metres_per_unit is not None and unit.metres_per_unit != said:
-        again = walls_of_drawing(drawing, roles, unit.metres_per_unit)
+    unit = unit_of_drawing(drawing, path, options, size, walls.faces.usual_thickness, bars)
+    if unit.metres is not None and unit.metres != said:
+        again = walls_of_drawing(drawing, roles, unit.metres)
         walls = again if len(again.faces.ends) else walls
     warnings = (*_warnings_on_unit(first, walls, unit), *walls.warnings)
     return replace(walls, warnings=(*warnings, *_doubts(walls))), unit
@@ -210,33 +221,15 @@ def _doubts(walls: DrawnWalls) -> tuple[str, ...]:
     return tuple(words for words in found if words)
 
 
-def _require_walls(walls: DrawnWalls, path: Path, drawing: VectorDrawing) -> None:
-    if len(walls.faces.ends) == 0:
-        raise FloorplanError(
-            f"{path}: expected walls as double lines, filled or hatched areas, found none in "
-            f"{len(drawing.lines)} lines and {len(drawing.fills)} areas; "
-            "pass the layers that hold them, or check that it is a plan"
-        )
-
-
-def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: UnitFound) -> tuple[str, ...]:
+def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: PlanUnit) -> tuple[str, ...]:
     """Whether lines that look like walls where nothing is known of the unit are none in this one."""
-    apart = _usual_thickness(first)
-    if unit.metres_per_unit is None or apart is None or walls.faces.is_oriented.any():
+    apart = first.faces.usual_thickness
+    if unit.metres is None or apart is None or walls.faces.is_oriented.any():
         return ()
     return (
-        f"with {unit.unit} as the unit, no two lines are as near as the faces of a wall; if those "
-        f"{apart * unit.metres_per_unit:.2g} m apart are walls, the unit is wrong: give --unit",
+        f"with {unit.name} as the unit, no two lines are as near as the faces of a wall; if those "
+        f"{apart * unit.metres:.2g} m apart are walls, the unit is wrong: give --unit",
     )
-
-
-def _usual_thickness(walls: DrawnWalls) -> float | None:
-    """Median over the length of the faces."""
-    known = np.isfinite(walls.faces.thickness)
-    if not known.any():
-        return None
-    length = segments.lengths(walls.faces.ends[known])
-    return weighted_median(walls.faces.thickness[known], length)
 
 
 def _origin(ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "2"]:
@@ -273,4 +266,64 @@ def shown_lines(
     ends = drawing.lines.ends
     kept = np.concatenate([ends[~is_left_out], outlines(by_role[0])])
     left = np.concatenate([ends[is_left_out], outlines(by_role[1]), apart])
-    return moved(longest(kept), file_from_drawing), moved(longest(left), file_from_drawing)
+    drawn, left_out = (segments.moved(longest(each), file_from_drawing) for each in (kept, left))
+    return drawn, left_out
+
+
+def storeys_of_drawing(
+    faces: LineFaces, openings: Float[np.ndarray, "k 2 2"], lines: Float[np.ndarray, "m 2 2"]
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"], tuple[str, ...]]:
+    """Storey of each face and of each opening, numbered as one reads a page, and where on it each storey is;
+    all 0 where there is one plan.
+
+    Args:
+        faces: of the walls, in the drawing's unit, y up.
+        openings: doors and windows along faces: what is on their two sides is of one storey.
+        lines: that were looked at as walls; what joins two parts of a plan, as a glazed front does.
+    """
+    points = faces.ends.reshape(-1, 2)
+    low, high = points.min(axis=0), points.max(axis=0)
+    extent = float((high - low).max())
+    one = np.zeros(len(faces.ends), dtype=int), np.zeros(len(openings), dtype=int), ("all",)
+    if extent <= 0.0:
+        return one
+    cell = extent / SIDE
+    # A page's u, v: down is up in the drawing.
+    page, origin = np.array([1.0, -1.0]) / cell, np.array([low[0], high[1]])
+    body = shapely.transform(body_of_faces(faces, extent), lambda xy: (xy - origin) * page)
+    walls = np.array(shapely.get_parts(body), dtype=object)
+    known = np.isfinite(faces.thickness)
+    thickness = faces.usual_thickness or THIN * extent
+    is_short = segments.lengths(lines) < LONGEST_PANE * extent
+    drawn = np.concatenate([(lines[is_short] - origin) * page, (faces.ends - origin) * page])
+    gaps = (openings - origin) * page
+    # Doors and windows that are not drawn, as where the layer of walls alone was chosen.
+    bare = find_openings(
+        (faces.ends[known] - origin) * page,
+        faces.normals[known] * np.sign(page),
+        faces.thickness[known] / cell,
+    )
+    joining = np.concatenate([gaps, bare])
+    storey_of = find_storeys(walls, thickness / cell, joining, _grid(drawn))
+    if storey_of.max() == 0:
+        return one
+    tree = shapely.STRtree(walls)
+
+    def nearest(ends: Float[np.ndarray, "n 2 2"]) -> Int[np.ndarray, " n"]:
+        return storey_of[tree.nearest(shapely.points(ends.mean(axis=1)))]
+
+    of_face = nearest((faces.ends - origin) * page)
+    return of_face, nearest(gaps), storey_words(walls, storey_of)
+
+
+def _grid(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, "h w"]:
+    """Cells that lines go through, row v and column u."""
+    grid = np.zeros((SIDE + 2, SIDE + 2), dtype=bool)
+    n_steps = np.ceil(2 * segments.lengths(ends)).astype(int) + 1
+    line = np.repeat(np.arange(len(ends)), n_steps)
+    step = np.arange(len(line)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
+    share = (step / np.maximum(n_steps[line] - 1, 1))[:, None]
+    at = np.round((1 - share) * ends[line, 0] + share * ends[line, 1]).astype(int)
+    at = at[((at >= 0) & (at < SIDE + 2)).all(axis=1)]
+    grid[at[:, 1], at[:, 0]] = True
+    return grid

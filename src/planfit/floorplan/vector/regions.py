@@ -9,11 +9,10 @@ import numpy as np
 import shapely
 from jaxtyping import Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
-from shapely.geometry.polygon import orient
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import Rows, line_strings
 from planfit.floorplan.near_lines import LineWorkTooDense, check_crossings, in_blocks
-from planfit.floorplan.vector.line_work import outlines
+from planfit.floorplan.vector.line_work import edges_of_areas, outlines
 from planfit.geometry import segments
 
 _SHORT_SHARE = 0.02
@@ -55,7 +54,7 @@ class SelfCrossings:
 
 
 @dataclass(frozen=True)
-class RegionFaces:
+class RegionFaces(Rows):
     """Boundary of solid wall; lengths in the unit of the regions."""
 
     ends: Float[np.ndarray, "n 2 2"]
@@ -86,17 +85,7 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
     parts = shapely.get_parts(walls)
     check_crossings(outlines([walls]))
     solid = shapely.simplify(shapely.union_all(parts), tolerance)
-    rings = [
-        # The wall to the left of every ring: outlines counter-clockwise, holes clockwise.
-        np.asarray(ring.coords)[:, :2]
-        for part in shapely.get_parts(solid)
-        if part.geom_type == "Polygon" and not part.is_empty
-        for polygon in [orient(part)]
-        for ring in (polygon.exterior, *polygon.interiors)
-    ]
-    if not rings:
-        return RegionFaces(np.zeros((0, 2, 2)), np.zeros((0, 2)), np.zeros(0))
-    ends = np.concatenate([np.stack([ring[:-1], ring[1:]], axis=1) for ring in rings])
+    ends = edges_of_areas([solid])
     ends = ends[segments.lengths(ends) >= max(min_length, 1e-9)]
     if len(ends) == 0:
         return RegionFaces(ends, np.zeros((0, 2)), np.zeros(0))

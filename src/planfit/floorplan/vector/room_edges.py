@@ -2,13 +2,12 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, outside_rooms
-from planfit.floorplan.vector.candidates import Candidates
-from planfit.floorplan.vector.double_lines import LineFaces
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.line_work import ends_of, outlines
 from planfit.geometry import segments
@@ -77,13 +76,8 @@ def around_rooms(
         edges = outlines(list(shapely.intersection(line_strings(edges), walls)))
         edges = edges[segments.lengths(edges) > 3e-3 * extent]
     n = len(edges)
-    together = Candidates(
-        np.concatenate([outside.ends, edges]),
-        np.concatenate([outside.is_called_wall, np.ones(n, dtype=bool)]),
-        np.concatenate([outside.layer, np.full(n, -1)]),
-        np.concatenate([outside.free_side, np.ones(n, dtype=int)]),
-    )
-    return together, shared_edges
+    of_rooms = Candidates(edges, np.ones(n, dtype=bool), np.full(n, -1), np.ones(n, dtype=int))
+    return Candidates.together([outside, of_rooms]), shared_edges
 
 
 def walls_between_rooms(
@@ -92,8 +86,8 @@ def walls_between_rooms(
     """Where two rooms meet, in a drawing whose walls have no thickness; in others a room goes on there."""
     own = segments.lengths(candidates.ends)[candidates.free_side != 0].sum()
     if 2 * shared_edges <= TOUCHING_SHARE * (own + 2 * shared_edges):
-        return LineFaces.together([])
-    return _without_a_side(edges_between_rooms(rooms, 4e-4 * extent))
+        return LineFaces.of_parts([])
+    return LineFaces.without_a_side(edges_between_rooms(rooms, 4e-4 * extent))
 
 
 def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) -> LineFaces:
@@ -110,7 +104,7 @@ def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) 
     edges = edges_between_rooms(rooms, tolerance)
     edges = edges[segments.lengths(edges) > LEAST_BETWEEN * extent]
     if len(edges) == 0 or len(lines) == 0:
-        return LineFaces.together([])
+        return LineFaces.of_parts([])
     drawn = line_strings(lines.ends[~_are_closed(lines, tolerance)])
     tree = shapely.STRtree(drawn)
     kept = []
@@ -123,20 +117,8 @@ def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) 
         if shapely.length(covered) > DRAWN_SHARE * shapely.length(edge):
             kept.append(edge)
     if not kept:
-        return LineFaces.together([])
-    return _without_a_side(ends_of(np.array(kept, dtype=object)))
-
-
-def _without_a_side(ends: Float[np.ndarray, "n 2 2"]) -> LineFaces:
-    """Faces of which neither side is known to be free, of no line that was looked at."""
-    n = len(ends)
-    return LineFaces(
-        ends,
-        segments.left_normals(ends),
-        np.zeros(n, dtype=bool),
-        np.full(n, np.nan),
-        np.full(n, -1),
-    )
+        return LineFaces.of_parts([])
+    return LineFaces.without_a_side(ends_of(np.array(kept, dtype=object)))
 
 
 def _are_closed(lines: Lines, tolerance: float) -> Bool[np.ndarray, " n"]:
@@ -165,5 +147,4 @@ def bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineF
     line = np.concatenate([*at, np.zeros(0, dtype=int)])
     parts = np.concatenate([*ends, np.zeros((0, 2, 2))])
     normals = segments.left_normals(parts) * candidates.free_side[line, None]
-    n = len(line)
-    return LineFaces(parts, normals, np.ones(n, dtype=bool), np.full(n, np.nan), line)
+    return LineFaces.oriented(parts, normals, line=line)

@@ -162,32 +162,32 @@ def _on_sides(
     ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], may: Bool[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], int]:
     """Lines on the sides of a box, and how many of these are drawn all along."""
-    size, n_whole = box[1] - box[0], 0
-    near = ON * float(size.max())
+    at, size = np.flatnonzero(may), box[1] - box[0]
+    on_side, covered = _along_sides(ends[at], box, ON * float(size.max()))
     result = np.zeros(len(ends), dtype=bool)
-    for axis in (0, 1):
-        for side in (0, 1):
-            at = np.flatnonzero(
-                may & (np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < near)
-            )
-            other = np.sort(ends[at][:, :, 1 - axis], axis=1)
-            covered = covered_lengths(np.zeros(len(at), dtype=int), other[:, 0], other[:, 1], 1)
-            n_whole += int(covered[0] >= WHOLE * size[1 - axis])
-            result[at] = True
-    return result, n_whole
+    result[at] = on_side
+    return result, int((covered >= WHOLE * size[::-1, None]).sum())
+
+
+def _along_sides(
+    ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], near: float
+) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "2 2"]]:
+    """Lines that are near one side of a box all along, and how much of each side they cover, by the axis that
+    it is across and whether it is the lower one."""
+    result, covered = np.zeros(len(ends), dtype=bool), np.zeros((2, 2))
+    for axis, side in np.ndindex(2, 2):
+        at = np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < near
+        low, high = np.sort(ends[at][:, :, 1 - axis], axis=1).T
+        covered[axis, side] = covered_lengths(np.zeros(len(low), dtype=int), low, high, 1)[0]
+        result |= at
+    return result, covered
 
 
 def _is_hugged(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
     """Whether lines run along a box inside of it, near it and for much of its length."""
-    size, total = box[1] - box[0], 0.0
-    reach = NEAR_SHARE * float(size.min())
-    for axis in (0, 1):
-        for side in (0, 1):
-            at = np.abs(ends[:, :, axis] - box[side, axis]).max(axis=1) < reach
-            other = np.sort(ends[at][:, :, 1 - axis], axis=1)
-            total += float(covered_lengths(
-                np.zeros(len(other), dtype=int), other[:, 0], other[:, 1], 1)[0])  # fmt: skip
-    return total > HUGGED * 2.0 * float(size.sum())
+    size = box[1] - box[0]
+    _, covered = _along_sides(ends, box, NEAR_SHARE * float(size.min()))
+    return float(covered.sum()) > HUGGED * 2.0 * float(size.sum())
 
 
 def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
@@ -302,12 +302,7 @@ def _extension_lines(
     result = np.zeros(len(lines), dtype=bool)
     if len(line) == 0:
         return result
-    others = np.asarray(strings, dtype=object)[~is_known]
-    names = np.flatnonzero(~is_known)
-    ends = np.asarray(shapely.points(lines.ends[line].reshape(-1, 2)), dtype=object)
-    i, j = shapely.STRtree(others).query(ends, predicate="dwithin", distance=0.1 * reach)
-    meets = np.zeros(2 * len(line), dtype=bool)
-    is_other = ~np.isin(names[j], line)
-    meets[i[is_other]] = True
-    result[line[~meets.reshape(-1, 2).any(axis=1)]] = True
+    others = np.delete(strings, np.union1d(np.flatnonzero(is_known), line))
+    meets = ends_that_meet(lines.ends[line], np.full(len(line), -1), others, 0.1 * reach)
+    result[line[~meets.any(axis=1)]] = True
     return result

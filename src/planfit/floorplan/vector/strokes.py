@@ -7,9 +7,14 @@ import shapely
 from jaxtyping import Bool, Float, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import covered_lengths, find_partners, line_strings, weighted_median
+from planfit.floorplan.faces import (
+    PARALLEL_SINE,
+    covered_lengths,
+    find_partners,
+    line_strings,
+    weighted_median,
+)
 from planfit.floorplan.near_lines import ends_that_meet
-from planfit.floorplan.vector.double_lines import PARALLEL_SINE
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
@@ -90,12 +95,7 @@ def body_of_strokes(
     step = 0.5 * width[:, None] * along
     outwards = np.stack([-step, step], axis=1)
     longer = _bodies(ends + meets[:, :, None] * outwards, width)
-    tips = np.asarray(shapely.points((ends + 0.2 * outwards).reshape(-1, 2)), dtype=object)
-    near = np.repeat(0.05 * width, 2)
-    tip, other = shapely.STRtree(longer).query(tips, predicate="dwithin", distance=near)
-    goes_on = np.zeros(2 * len(ends), dtype=bool)
-    goes_on[tip[other != tip // 2]] = True
-    meets &= goes_on.reshape(-1, 2)
+    meets &= ends_that_meet(ends + 0.2 * outwards, np.arange(len(ends)), longer, 0.05 * width)
     return shapely.union_all(_bodies(ends + meets[:, :, None] * outwards, width))
 
 

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ from planfit.floorplan.options import (
     METRES_PER_UNIT,
     MIN_SIZE_M,
     PlanOptions,
+    PlanUnit,
     choose_unit,
     units_that_fit,
 )
@@ -29,16 +30,6 @@ _NUMBER = re.compile(r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(mm|cm|m)?\s*$", re.IGNOR
 _FEET = re.compile(
     r"^\s*(?:(\d{1,4})\s*['′’]\s*-?\s*)?(?:(\d{1,2})(?:\s+(\d{1,2})/(\d{1,2}))?\s*(?:\"|″|''|”))?\s*$"
 )
-
-
-@dataclass(frozen=True)
-class UnitFound:
-    """Size of a drawing's unit, and what told it."""
-
-    metres_per_unit: float | None
-    unit: str
-    unit_from: str
-    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,7 +51,7 @@ def unit_of_drawing(
     size: float,
     usual_thickness: float | None,
     bars: Sequence[ScaleBar] = (),
-) -> UnitFound:
+) -> PlanUnit:
     """Decide on a unit; the user's word first, then the file's, the dimension texts', a scale bar's, a guess.
 
     Args:
@@ -74,14 +65,14 @@ def unit_of_drawing(
     Raises:
         FloorplanError: the user's unit makes a building of an absurd size.
     """
-    told = _told_by_user(options)
-    if told is not None:
-        if told.metres_per_unit is not None:
-            extent = size * told.metres_per_unit
+    if options.unit != "auto" or options.metres_per_unit is not None:
+        told = choose_unit(options.unit, options.metres_per_unit)
+        if told.metres is not None:
+            extent = size * told.metres
             if not MIN_SIZE_M <= extent <= MAX_SIZE_M:
                 raise FloorplanError(
                     f"{path}: expected a building of {MIN_SIZE_M:g} to {MAX_SIZE_M:g} m, found "
-                    f"{extent:.4g} m with {told.unit_from}; {units_that_fit(size)}, or leave its "
+                    f"{extent:.4g} m with {told.known_from}; {units_that_fit(size)}, or leave its "
                     "scale to the alignment with --unit unknown"
                 )
         return told
@@ -93,11 +84,11 @@ def unit_of_drawing(
     if claimed is not None:
         extent = size * claimed
         if MIN_SIZE_M <= extent <= MAX_SIZE_M:
-            if by_dimensions is None or _agree(claimed, by_dimensions.metres_per_unit):
-                return UnitFound(claimed, drawing.unit, "the file's header")
+            if by_dimensions is None or abs(claimed / by_dimensions.scale - 1) < 0.02:
+                return PlanUnit(drawing.unit, "the file's header", claimed)
             warnings = (
-                f"the file says its unit is {drawing.unit}, but by {by_dimensions.unit_from} it "
-                f"is {by_dimensions.metres_per_unit:.4g} m: these were used",
+                f"the file says its unit is {drawing.unit}, but by {by_dimensions.known_from} it "
+                f"is {by_dimensions.scale:.4g} m: these were used",
             )
         else:
             warnings = (
@@ -105,45 +96,36 @@ def unit_of_drawing(
                 f"{extent:.3g} m: not used",
             )
             if by_dimensions is None:
-                return UnitFound(None, "unknown", "", warnings)
+                return PlanUnit("unknown", "", None, warnings)
     if by_dimensions is not None:
-        return UnitFound(
-            by_dimensions.metres_per_unit, by_dimensions.unit, by_dimensions.unit_from, warnings
-        )
+        return replace(by_dimensions, warnings=warnings)
     if drawing.unit == "paper":
-        return UnitFound(None, "unknown", "", warnings)
+        return PlanUnit("unknown", "", None, warnings)
     return _guess(size, usual_thickness)
-
-
-def _told_by_user(options: PlanOptions) -> UnitFound | None:
-    if options.unit == "auto" and options.metres_per_unit is None:
-        return None
-    told = choose_unit(options.unit, options.metres_per_unit)
-    return UnitFound(told.metres, told.name, told.known_from)
 
 
 def _told_by_dimensions(
     drawing: VectorDrawing, size: float, usual_thickness: float | None
-) -> UnitFound | None:
+) -> PlanUnit | None:
     lines = drawing.lines
     found = scale_of_dimensions(lines.ends[~lines.is_curved], drawing.texts)
     if found is None:
         return None
     name = f"{found.count} dimension texts such as {found.example!r}"
     if found.has_unit:
-        return UnitFound(found.metres_per_unit, "of dimension texts", name)
+        return PlanUnit("of dimension texts", name, found.metres_per_unit)
     fitting = [
         scale for scale in (1.0, 0.01, 0.001)
         if _is_likely(size, usual_thickness, found.metres_per_unit * scale)
     ]  # fmt: skip
     if len(fitting) != 1:
         return None
-    return UnitFound(found.metres_per_unit * fitting[0], "of dimension texts", name)
+    return PlanUnit("of dimension texts", name, found.metres_per_unit * fitting[0])
 
 
 def _told_by_bars(
     bars: Sequence[ScaleBar], size: float, usual_thickness: float | None
-) -> UnitFound | None:
+) -> PlanUnit | None:
     """What scale bars say; nothing where they disagree, as on a sheet with plans of several scales, or make
     no likely building."""
     scales = [bar.metres_per_unit for bar in bars if bar.has_unit] or [
@@ -153,24 +135,24 @@ def _told_by_bars(
         return None
     if not _is_likely(size, usual_thickness, scales[0]):
         return None
-    return UnitFound(scales[0], "of a scale bar", f"the scale bar {bars[0].words!r}")
+    return PlanUnit("of a scale bar", f"the scale bar {bars[0].words!r}", scales[0])
 
 
-def _guess(size: float, usual_thickness: float | None) -> UnitFound:
+def _guess(size: float, usual_thickness: float | None) -> PlanUnit:
     """The one unit that makes a building with walls of likely size; unknown where several do."""
     fitting = [
         unit for unit, scale in METRES_PER_UNIT.items() if _is_likely(size, usual_thickness, scale)
     ]
     if len(fitting) == 1:
         unit = fitting[0]
-        return UnitFound(
-            METRES_PER_UNIT[unit],
+        return PlanUnit(
             unit,
             "the size of the building and its walls",
+            METRES_PER_UNIT[unit],
             (f"the file does not say its unit; only {unit} makes a building of likely size",),
         )
     wording = f"could be {' or '.join(fitting)}" if fitting else "fits no likely building"
-    return UnitFound(None, "unknown", "", (f"the file does not say its unit; it {wording}",))
+    return PlanUnit("unknown", "", None, (f"the file does not say its unit; it {wording}",))
 
 
 def _is_likely(size: float, usual_thickness: float | None, scale: float) -> bool:
@@ -180,10 +162,6 @@ def _is_likely(size: float, usual_thickness: float | None, scale: float) -> bool
         BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
         and WALL_THICKNESS_M.low <= usual_thickness * scale <= WALL_THICKNESS_M.high
     )
-
-
-def _agree(a: float | None, b: float | None) -> bool:
-    return a is not None and b is not None and bool(np.abs(a / b - 1) < 0.02)
 
 
 def length_of_text(text: str) -> tuple[float, bool] | None:

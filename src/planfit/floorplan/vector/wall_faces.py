@@ -6,17 +6,11 @@ import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings, weighted_median
-from planfit.floorplan.vector.areas import (
-    outside_rooms,
-)
-from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.faces import line_strings
+from planfit.floorplan.vector.areas import outside_rooms
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.closed_pieces import ClosedPieces, joined
-from planfit.floorplan.vector.double_lines import (
-    LineFaces,
-    estimate_thickness,
-    faces_of_lines,
-)
+from planfit.floorplan.vector.double_lines import estimate_thickness, faces_of_lines
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.line_work import cut_out, outlines
 from planfit.floorplan.vector.regions import faces_of_regions
@@ -27,11 +21,7 @@ from planfit.floorplan.vector.room_edges import (
     bare_edges,
     walls_between_rooms,
 )
-from planfit.floorplan.vector.single_lines import (
-    MAX_OUTLINE_LINES,
-    single_line_walls,
-    single_lines,
-)
+from planfit.floorplan.vector.single_lines import MAX_OUTLINE_LINES, single_line_walls, single_lines
 from planfit.geometry import segments
 
 MAIN_SHARE = 0.35
@@ -105,24 +95,24 @@ def faces_of_all(
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
-    paired = LineFaces.together([])
+    paired = LineFaces.of_parts([])
     if thickness is not None:
         may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
         is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
         candidates = candidates.take(~is_furniture)
-        paired, _ = faces_of_lines(
+        paired = faces_of_lines(
             candidates.ends, thickness, candidates.is_called_wall, candidates.free_side
         )
         # Beside solid walls, line work is furniture and windows, unless a layer calls it wall, or the solid
         # ones are few: columns, the walls of a shaft.
         is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
         if is_clutter and not candidates.is_called_wall.any():
-            paired = LineFaces.together([])
+            paired = LineFaces.of_parts([])
         parts += [paired, _rest_of_bodies(candidates, paired, extent)]
     if rooms:
         gap = 0.0 if thickness is None else 2 * thickness.usual
         parts.append(bare_edges(candidates, paired, gap))
-    is_taken = LineFaces.together(parts)
+    is_taken = LineFaces.of_parts(parts)
     between = walls_between_rooms(candidates, rooms, shared_edges, extent)
     if len(between.ends):
         parts, shared_edges = [*parts, between], 0.0
@@ -133,7 +123,7 @@ def faces_of_all(
     if thickness is not None and not has_others:
         is_wall = single_line_walls(candidates, thickness, extent)
         if is_wall.any():
-            parts, is_taken = [], LineFaces.together([])
+            parts, is_taken = [], LineFaces.of_parts([])
             candidates = candidates.take(is_wall)
     single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
@@ -151,20 +141,14 @@ def _single_warning(others: list[LineFaces], length: float) -> str:
 def faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
     """Faces around solid walls, in a drawing of that size."""
     faces = faces_of_regions(solid, 1e-4 * extent, 3e-3 * extent)
-    n = len(faces.ends)
-    return LineFaces(
-        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
-    )
+    return LineFaces.oriented(faces.ends, faces.normals, faces.thickness)
 
 
 def _faces_of_column(column: BaseGeometry) -> LineFaces:
     """Round ones have nine faces or so, off by a thirtieth of their diameter."""
     size = float(np.ptp(np.array(column.bounds).reshape(2, 2), axis=0).max())
     faces = faces_of_regions(column, 0.03 * size, 0.1 * size)
-    n = len(faces.ends)
-    return LineFaces(
-        faces.ends, faces.normals, np.ones(n, dtype=bool), faces.thickness, np.full(n, -1)
-    )
+    return LineFaces.oriented(faces.ends, faces.normals, faces.thickness)
 
 
 def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
@@ -177,11 +161,12 @@ def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> 
         faces: found among them as two faces of one wall.
         extent: of the drawing.
     """
-    none = LineFaces.together([])
+    none = LineFaces.of_parts([])
     paired = faces.take(np.isfinite(faces.thickness) & faces.is_oriented & (faces.line >= 0))
     if len(paired.ends) == 0 or len(candidates) > MAX_OUTLINE_LINES:
         return none
-    usual = weighted_median(paired.thickness, segments.lengths(paired.ends))
+    usual = paired.usual_thickness
+    assert usual is not None
     tolerance = 1e-4 * extent
     # Corners of a drawing are as good as its last digit.
     lines = shapely.union_all(line_strings(candidates.ends), grid_size=0.1 * tolerance)
@@ -207,10 +192,7 @@ def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> 
     nearest = shapely.STRtree(line_strings(candidates.ends)).nearest(
         shapely.points(found.mean(axis=1))
     )
-    n = len(found)
-    return LineFaces(
-        found, np.concatenate(normals), np.ones(n, dtype=bool), np.full(n, np.nan), nearest
-    )
+    return LineFaces.oriented(found, np.concatenate(normals), line=nearest)
 
 
 def _out_of(body: BaseGeometry, ends: np.ndarray, step: float) -> np.ndarray:

@@ -38,10 +38,7 @@ def sides_with_room(ends: Float[np.ndarray, "n 2 2"], widest: float) -> Int[np.n
     if n == 0 or length.sum() / (STEP * radius) + 3 * n > MOST_PLACES:
         return np.zeros(n, dtype=int)
     count = np.maximum(np.ceil(length / (STEP * radius)).astype(int), 3)
-    line = np.repeat(np.arange(n), count)
-    k = np.arange(len(line)) - np.repeat(np.cumsum(count) - count, count)
-    at = ((k + 0.5) / count[line])[:, None]
-    points = (1 - at) * ends[line, 0] + at * ends[line, 1]
+    points, line = segments.spread(ends, count)
     left = segments.left_normals(ends)[line]
     tree = shapely.STRtree(line_strings(ends))
     share = np.zeros((2, n))

@@ -19,7 +19,7 @@ from planfit.floorplan.vector.areas import (
     without_ground,
     without_paper,
 )
-from planfit.floorplan.vector.candidates import Candidates
+from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.closed_pieces import closed_pieces, open_walls, outer_wall
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
@@ -28,23 +28,14 @@ from planfit.floorplan.vector.door_swings import (
     without_sectors,
 )
 from planfit.floorplan.vector.doors import OpenedDoors, open_doors, open_jambs
-from planfit.floorplan.vector.double_lines import (
-    LineFaces,
-    rows_of_lines,
-    thickness_bounds,
-)
+from planfit.floorplan.vector.double_lines import rows_of_lines, thickness_bounds
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
-from planfit.floorplan.vector.left_out_walls import left_out_words
 from planfit.floorplan.vector.line_work import cut_out, merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
-from planfit.floorplan.vector.room_edges import (
-    drawn_between_rooms,
-)
-from planfit.floorplan.vector.single_lines import (
-    body_of_faces,
-)
+from planfit.floorplan.vector.room_edges import drawn_between_rooms
+from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
 from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
 
@@ -132,9 +123,9 @@ def walls_of_drawing(
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
-    round_faces, is_round = _round_walls(LineFaces.together(found.parts), lines)
+    round_faces, is_round = _round_walls(LineFaces.of_parts(found.parts), lines)
     openings = np.concatenate([windows.openings, opened.openings])
-    faces, apart = _main_part(LineFaces.together([*found.parts, round_faces]), openings, extent)
+    faces, apart = _main_part(LineFaces.of_parts([*found.parts, round_faces]), openings, extent)
     is_left_out[looked_at[has_form | is_round]] = False
     if n_curves := int((lines.is_curved & ~is_round).sum()):
         dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
@@ -167,11 +158,7 @@ def walls_of_drawing(
         tuple(
             filter(
                 None,
-                (
-                    doors_are,
-                    _counted(n_windows, "window"),
-                    _counted(n_others + n_cut, "opening"),
-                ),
+                (doors_are, _counted(n_windows, "window"), _counted(n_others + n_cut, "opening")),
             )
         ),
         found.shared_edges,
@@ -188,7 +175,7 @@ def _round_walls(faces: LineFaces, lines: Lines) -> tuple[LineFaces, Bool[np.nda
     is_drawn = np.isfinite(faces.thickness) & (faces.line >= 0)
     length = segments.lengths(faces.ends)
     if length[is_drawn].sum() <= MAIN_SHARE * length.sum():
-        return LineFaces.together([]), np.zeros(len(lines), dtype=bool)
+        return LineFaces.of_parts([]), np.zeros(len(lines), dtype=bool)
     usual = weighted_median(faces.thickness[is_drawn], length[is_drawn])
     return round_walls(lines, usual)
 
@@ -217,10 +204,7 @@ def _open_doors(
 ) -> OpenedDoors:
     """Faces cut where doors are drawn in them. Where nothing tells how large doors are, as walls have no
     thickness, those count whose leaf is drawn."""
-    known = np.isfinite(faces.thickness)
-    usual = None
-    if known.any():
-        usual = weighted_median(faces.thickness[known], segments.lengths(faces.ends[known]))
+    usual = faces.usual_thickness
     least, widest = door_radii(metres_per_unit, usual, extent)
     is_size_known = metres_per_unit is not None or usual is not None
     doors = [
@@ -256,7 +240,7 @@ def _solids_and_rooms(
     areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
-    slim = [area for area in hatched if _is_slim(area)]
+    slim = [area for area in hatched if area.length**2 / (16 * area.area) > 2.5]
     # A drawing hatches either its walls or its floors.
     if rooms or len(slim) < len(hatched) - len(slim):
         rooms = [*rooms, *hatched]
@@ -303,10 +287,6 @@ def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
     points = [drawing.lines.ends[role != Role.NO_WALL].reshape(-1, 2)]
     points += [np.array(f.polygon.bounds).reshape(2, 2) for f in drawing.fills]
     return usual_extent(np.concatenate(points))
-
-
-def _is_slim(area: BaseGeometry) -> bool:
-    return bool(shapely.length(area) ** 2 / (16 * area.area) > 2.5)
 
 
 def _main_part(

@@ -8,11 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 from svgelements import (
     SVG,
+    Arc,
+    Close,
+    CubicBezier,
     Group,
     Matrix,
+    Move,
+    QuadraticBezier,
     Shape,
     Use,
 )
@@ -22,7 +28,6 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.svg.paths import sub_paths, xy_of
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
     PARSE_ERRORS,
@@ -36,6 +41,7 @@ from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
@@ -67,7 +73,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     root, n_references = load_safely(path)
     svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
-    are_classes_telling = any(_names_a_wall(element) for element in svg.elements())
+    are_classes_telling = any("IfcWall" in (_own(one).get("class") or "") for one in svg.elements())
     strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
     is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
     hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
@@ -81,11 +87,9 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     elif (scale := _told_scale(svg)) is not None:
         metres = scale * 0.0254 / PIXELS_PER_INCH
         drawing = replace(drawing, metres_per_unit=metres, unit=f"1/96 in at 1:{scale:g}")
-    not_followed = (
-        f"{n_references} references to other files were not followed"
-        if n_references > 1
-        else "1 reference to another file was not followed"
-    )
+    not_followed = "1 reference to another file was not followed"
+    if n_references > 1:
+        not_followed = f"{n_references} references to other files were not followed"
     is_empty = len(drawing.lines) == 0 and not drawing.fills
     if is_empty and any(isinstance(element, SvgImage) for element in svg.elements()):
         raise FloorplanError(
@@ -118,8 +122,9 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
 
 def _is_own(svg: SVG) -> bool:
     """Whether planfit wrote a drawing (`write_plan_svg`)."""
-    own = (svg.values or {}).get("attributes") or {}
-    return own.get("data-unit") in ("m", "unknown") and bool(Matrix(svg.viewbox_transform or "").a)
+    return _own(svg).get("data-unit") in ("m", "unknown") and bool(
+        Matrix(svg.viewbox_transform or "").a
+    )
 
 
 def _in_own_units(drawing: VectorDrawing, svg: SVG) -> VectorDrawing:
@@ -128,7 +133,7 @@ def _in_own_units(drawing: VectorDrawing, svg: SVG) -> VectorDrawing:
     shown = Matrix(svg.viewbox_transform or "")
     # y is up here, and down on the page.
     ends = (drawing.lines.ends - np.array([shown.e, -shown.f])) / shown.a
-    is_metric = (svg.values or {})["attributes"]["data-unit"] == "m"
+    is_metric = _own(svg)["data-unit"] == "m"
     return replace(
         drawing,
         lines=replace(drawing.lines, ends=ends),
@@ -139,11 +144,16 @@ def _in_own_units(drawing: VectorDrawing, svg: SVG) -> VectorDrawing:
 
 def _told_scale(svg: SVG) -> float | None:
     """N of a page in units of length that says `data-scale="1:N"`, as Bonsai and IfcOpenShell write."""
-    own = (svg.values or {}).get("attributes") or {}
+    own = _own(svg)
     told = _SCALE.fullmatch(str(own.get("data-scale", "")))
     if told is None or not _has_lengths(own) or not float(told.group(1)) > 0.0:
         return None
     return float(told.group(1))
+
+
+def _own(element) -> dict[str, str]:
+    """Attributes of an element itself."""
+    return (element.values or {}).get("attributes") or {}
 
 
 def _has_lengths(own: dict[str, str]) -> bool:
@@ -153,7 +163,7 @@ def _has_lengths(own: dict[str, str]) -> bool:
 
 def _is_in_true_size(svg: SVG) -> bool:
     """Whether the page is given in units of length, and larger than any paper."""
-    if not _has_lengths((svg.values or {}).get("attributes") or {}):
+    if not _has_lengths(_own(svg)):
         return False
     side_px = min(float(str(svg.width)), float(str(svg.height)))
     return side_px * 0.0254 / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
@@ -189,16 +199,10 @@ def _drawing_of(root: ET.Element) -> object:
     return SVG.parse(io.BytesIO(text), reify=True, ppi=PIXELS_PER_INCH)
 
 
-def _names_a_wall(element) -> bool:
-    own = (element.values or {}).get("attributes") or {}
-    return "IfcWall" in (own.get("class") or "")
-
-
 def _class_of(element) -> str:
     """Classes of an element: layers in drawings that Bonsai and IfcOpenShell make of models. What they see of
     doors and windows below the cut is the opening all the same."""
-    own = (element.values or {}).get("attributes") or {}
-    words = own.get("class") or ""
+    words = _own(element).get("class") or ""
     is_opening = role_of(words.replace("projection", "")) == Role.OPENING
     kinds = _IFC_CLASS.findall(words)
     seen = " projection" if "projection" in words.split() and not is_opening else ""
@@ -216,7 +220,7 @@ def _add_group(
 ) -> None:
     """Shapes of a group and those within; `layer` is the innermost name given by a person, `hides_white`
     whether white lines hide what is under them, `are_classes_telling` whether classes name layers."""
-    own = (group.values or {}).get("attributes") or {}
+    own = _own(group)
 
     def told(element) -> str:
         named = _class_of(element) if are_classes_telling else ""
@@ -241,7 +245,7 @@ def _add_group(
 def _is_clear(element) -> bool:
     """Whether an element, or a group with all in it, is transparent altogether."""
     try:
-        return float((element.values or {}).get("attributes", {}).get("opacity", 1.0)) <= 0.0
+        return float(_own(element).get("opacity", 1.0)) <= 0.0
     except (TypeError, ValueError):
         return False  # a share in per cent, or no number
 
@@ -256,8 +260,7 @@ def _telling_id(name: str) -> str:
 
 
 def _narrowed(svg: SVG, element, clip: BaseGeometry | None) -> BaseGeometry | None:
-    own = element.values.get("attributes") or {}
-    found = _URL.match(own.get("clip-path") or "")
+    found = _URL.match(_own(element).get("clip-path") or "")
     area = None if found is None else _clip_area(svg, found.group(1), element)
     if area is None:
         return clip
@@ -269,8 +272,9 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     shapes = svg.get_element_by_id(name)
     if shapes is None:
         return None
-    own = (element.values.get("attributes") or {}).get(GROUP_TRANSFORM) or ""
-    transform = Matrix(own) * Matrix(element.values.get("transform") or "")
+    transform = Matrix(_own(element).get(GROUP_TRANSFORM) or "") * Matrix(
+        element.values.get("transform") or ""
+    )
     area: BaseGeometry = shapely.Polygon()
     crossings = SelfCrossings()
     for shape in shapes if isinstance(shapes, list) else []:
@@ -353,3 +357,35 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))
     scale = float(np.sqrt(abs(matrix.a * matrix.d - matrix.b * matrix.c)))
     builder.texts.append(Text(text, xy_of(at), height * scale, builder.layer(layer)))
+
+
+def sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
+    result = SubPaths()
+    for segment in path.segments(transformed=True):
+        if isinstance(segment, Move):
+            result.move(xy_of(segment.end))
+            continue
+        if segment.end is None:
+            continue
+        if not len(result):
+            result.move(xy_of(segment.start))
+        if isinstance(segment, Close):
+            result.close()
+        elif isinstance(segment, QuadraticBezier):
+            start, control, end = (xy_of(p) for p in (segment.start, segment.control, segment.end))
+            thirds = [(start + 2 * control) / 3, (end + 2 * control) / 3]
+            result.cubic(np.array([start, *thirds, end]))
+        elif isinstance(segment, Arc | CubicBezier):
+            is_arc = isinstance(segment, Arc)
+            for cubic in segment.as_cubic_curves() if is_arc else [segment]:
+                corners = (cubic.start, cubic.control1, cubic.control2, cubic.end)
+                result.cubic(np.array([xy_of(p) for p in corners]))
+        else:
+            result.line(xy_of(segment.end))
+    return result.found()
+
+
+def xy_of(point) -> Float[np.ndarray, "2"]:
+    """A point of svgelements, y up."""
+    return np.array([point.x, -point.y], dtype=float)
