@@ -373,7 +373,8 @@ def test_the_users_unit_comes_first(tmp_path):
 @pytest.mark.parametrize(
     ("text", "metres", "has_unit"),
     [("4.20", 4.2, False), ("4,20 m", 4.2, True), ("420 cm", 4.2, True), ("13'-6\"", 4.1148, True),
-     ("6'", 1.8288, True), ("3 1/2\"", 0.0889, True)],
+     ("6'", 1.8288, True), ("3 1/2\"", 0.0889, True), ("7.5 м", 7.5, True), ("12 см", 0.12, True),
+     ("8.8 m roof", 8.8, True)],
 )  # fmt: skip
 def test_lengths_in_texts(text, metres, has_unit):
     found = length_of_text(text)
@@ -382,7 +383,9 @@ def test_lengths_in_texts(text, metres, has_unit):
     assert found[1] == has_unit
 
 
-@pytest.mark.parametrize("text", ["", "Room 12", "12 m2", "1:100", "-3", "0", "KITCHEN"])
+@pytest.mark.parametrize(
+    "text", ["", "Room 12", "12 m2", "1:100", "-3", "0", "KITCHEN", "2 beds", "3 rooms"]
+)
 def test_texts_that_are_no_length(text):
     assert length_of_text(text) is None
 

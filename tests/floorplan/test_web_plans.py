@@ -99,20 +99,16 @@ def line(x0: float, y0: float, x1: float, y1: float, colour: str, width: float) 
 
 
 @pytest.mark.parametrize("is_dark", [False, True])
-def test_white_lines_over_walls_are_gaps_and_on_dark_ground_walls(
-    tmp_path: Path, is_dark: bool
-) -> None:
+def test_lines_of_the_colour_of_the_page_are_gaps_in_walls(tmp_path: Path, is_dark: bool) -> None:
     ink, paper = ("#fff", "#111") if is_dark else ("#111", "#fff")
     walls = [line(*wall, ink, 6) for wall in WALLS]
     door = line(400, 420, 400, 470, paper, 8)
     page = [box(0, 0, 800, 600, fill=paper)] if is_dark else []
     plan = read_floorplan(svg(tmp_path / "plan.svg", *page, *walls, door))
-    if is_dark:
-        assert drawn_share(plan, [*WALLS[:4], (400, 424, 400, 466)]) > 0.99
-    else:  # a dark stroke of 6 px is a wall with two faces
-        inner = [(403, 63, 697, 63), (697, 343, 697, 537), (63, 537, 397, 537), (63, 63, 63, 337)]
-        assert drawn_share(plan, inner) > 0.98
-        assert drawn_share(plan, [(x, 424, x, 466) for x in (397, 403)]) == 0.0
+    # A stroke of 6 px that stands out is a wall with two faces.
+    inner = [(403, 63, 697, 63), (697, 343, 697, 537), (63, 537, 397, 537), (63, 63, 63, 337)]
+    assert drawn_share(plan, inner) > 0.98
+    assert drawn_share(plan, [(x, 424, x, 466) for x in (397, 403)]) == 0.0
 
 
 def test_boxes_with_rounded_corners_have_straight_sides(tmp_path: Path) -> None:
@@ -211,3 +207,92 @@ def test_a_variable_that_is_never_closed_is_left_in_time() -> None:
     apply_styles(root)
     assert root[1].get("fill") == "#ff0000"
     assert root.get("fill", "").startswith("var(--a,xxx")
+
+
+DARK = "#1e1e2e"
+
+
+@pytest.mark.parametrize("where", ["rect", "style", "rule"])
+def test_a_drawing_on_dark_ground_is_read_as_its_negative(tmp_path: Path, where: str) -> None:
+    """Lights of a home's page: white, and thin as air, over walls in white."""
+    walls = [line(*wall, "#fff", 6) for wall in WALLS]
+    ground = {
+        "rect": box(0, 0, 800, 600, fill=DARK),
+        "style": "",
+        "rule": f"<style>svg{{background:{DARK}}}</style>",
+    }[where]
+    lamps = [
+        box(x, y, 60, 40, fill="#fff", fill_opacity="0.05", stroke="#fff", stroke_opacity="0.4")
+        for x in range(80, 680, 100) for y in (120, 200, 400)
+    ]  # fmt: skip
+    sofa = box(100, 480, 90, 40, fill="#2b2b3b")
+    size = 'viewBox="0 0 800 600"' + (
+        f' style="background-color: {DARK}"' if where == "style" else ""
+    )
+    plan = read_floorplan(svg(tmp_path / "plan.svg", ground, *walls, *lamps, sofa, size=size))
+    inner = [(403, 63, 697, 63), (697, 343, 697, 537), (63, 537, 397, 537), (63, 63, 63, 337)]
+    assert drawn_share(plan, inner) > 0.98
+    assert plan.lengths.sum() < 1.15 * 2 * sum(np.hypot(c - a, d - b) for a, b, c, d in WALLS)
+
+
+def outline(**style: str) -> list[str]:
+    """Walls of 12 with two faces, each a box."""
+    boxes = [(60, 60, 640, 480), (72, 72, 302, 456), (386, 72, 302, 456)]
+    return [box(*one, **{"fill": "none", "stroke": "#222", **style}) for one in boxes]
+
+
+@pytest.mark.parametrize("name", ["id", "class"])
+def test_a_shape_is_furniture_by_its_id_or_class_but_a_room_is_none(
+    tmp_path: Path, name: str
+) -> None:
+    def desks(word: str) -> list[str]:
+        """Rows of desks as thick as walls."""
+        return [
+            box(x, y, 200, 12, fill="#333", **{name: f"{word}-{x}-{y}"})
+            for x in (120, 440) for y in (200, 300, 400)
+        ]  # fmt: skip
+
+    def length(*shapes: str) -> float:
+        return float(read_floorplan(svg(tmp_path / "plan.svg", *shapes)).lengths.sum())
+
+    alone = length(*outline())
+    assert length(*outline(), *desks("desk")) == pytest.approx(alone, rel=1e-3)
+    assert length(*outline(**{name: "kitchen-border"})) == pytest.approx(alone, rel=1e-3)
+
+
+def test_shapes_whose_style_is_in_another_file_are_outlines_and_it_is_said(tmp_path: Path) -> None:
+    drawn = [f'<g class="walls">{"".join(outline())}</g>'.replace('fill="none" stroke="#222"', "")]
+    rooms = [box(*room, **{"class": "area"}) for room in ROOMS]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *rooms, *drawn))
+    assert plan.thickness == pytest.approx(12.0, abs=0.01)
+    assert any("class 'area'" in words for words in plan.source.warnings)
+
+
+def test_namespaces_that_a_page_of_the_web_leaves_out_are_put_in(tmp_path: Path) -> None:
+    whole = svg(tmp_path / "whole.svg", *outline())
+    text = whole.read_text().replace(' xmlns="http://www.w3.org/2000/svg"', "")
+    bare = tmp_path / "bare.svg"
+    bare.write_text(text.replace("<rect", '<rect data:at="1" xlink:title="wall"'))
+    np.testing.assert_array_equal(read_floorplan(bare).ends, read_floorplan(whole).ends)
+
+
+def test_what_is_dashed_is_no_wall_however_wide(tmp_path: Path) -> None:
+    walls = [line(*wall, "#111", 6) for wall in WALLS]
+    plot = box(
+        20, 20, 760, 560, fill="none", stroke="#111", stroke_width="6", stroke_dasharray="20 8"
+    )
+    with_plot, alone = (
+        read_floorplan(svg(tmp_path / "plan.svg", *shapes, *walls)) for shapes in ([plot], [])
+    )
+    assert with_plot.lengths.sum() == pytest.approx(alone.lengths.sum(), rel=1e-3)
+
+
+def test_partitions_in_a_finer_pen_that_hang_on_walls_are_walls(tmp_path: Path) -> None:
+    thick = [line(*wall, "#111", 10) for wall in WALLS[:4]]
+    partitions = [line(400, 60, 400, 540, "#111", 5), line(400, 340, 700, 340, "#111", 5)]
+    bench = line(120, 200, 340, 200, "#111", 5)
+    treads = [line(460, y, 560, y, "#111", 2) for y in range(380, 520, 12)]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *thick, *partitions, bench, *treads))
+    sides = [(x, 70, x, 330) for x in (397.5, 402.5)] + [(405, y, 690, y) for y in (337.5, 342.5)]
+    assert drawn_share(plan, sides) > 0.98
+    assert drawn_share(plan, [(120, y, 340, y) for y in (197.5, 202.5)]) == 0.0

@@ -9,7 +9,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.near_lines import connected_groups, in_blocks
-from planfit.floorplan.vector.drawing import Fill, is_dark
+from planfit.floorplan.vector.drawing import LIGHT, Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, outlines, path_rings
 from planfit.floorplan.vector.regions import SelfCrossings
@@ -83,8 +83,10 @@ def sort_fills(
             continue
         slim = weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
         coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
-        is_called_wall = roles[layer] == Role.WALL
         looks_like_wall = slim > 2.5 and coverage < 0.45
+        # A group `walls` may hold rooms as pale rectangles, whose outlines are the walls.
+        is_floor = not looks_like_wall and colour is not None and min(colour) >= LIGHT
+        is_called_wall = roles[layer] == Role.WALL and not is_floor
         # Text drawn as outlines is dark and slim too, but small.
         reach = max(np.ptp(np.array(area.bounds).reshape(2, 2), axis=0))
         stands_out = is_dark(colour) or (_is_white(colour) and not is_paper_white)

@@ -23,6 +23,8 @@ ABSURD = 1e9
 
 DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""
+LIGHT = 200
+"""Of 255, of every colour: paper and floors are lighter."""
 EDGE = 1e-3
 """Of the drawing's size: lines this near to the edge of an area that covers what is under it show."""
 
@@ -206,7 +208,8 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
         return lines, []
     width_of = np.array([0.0 if pen is None else pen.width for pen in pens])
     may_be = np.array([pen is not None and is_dark(pen.colour) for pen in pens])
-    width, may = width_of[lines.path], may_be[lines.path]
+    # What is drawn with gaps is overhead, or the edge of a plot.
+    width, may = width_of[lines.path], may_be[lines.path] & ~lines.is_dashed
     is_body = np.zeros(len(lines), dtype=bool)
     finite = np.flatnonzero((np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
     is_body[finite] = are_bodies(lines.ends[finite], width[finite], may[finite])

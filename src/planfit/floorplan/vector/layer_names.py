@@ -63,6 +63,7 @@ _NO_WALL = """
     lights lite electrical elec hvac mechanical duct ceiling ceilings clng roof roofing landscape vegetation
     planting plnt tree trees car cars vehicle vehicles people table tables chair chairs shelf shelves couch
     benches bench desk desks kitchen symbol symbols room-text area areas flooring tiles tiling paving carpet
+    sofa sofas bed beds lamp lamps muebles
     beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
     centreline header lintel demo demolition sketch projection furnishing furnishings millwork lvtry
@@ -102,6 +103,13 @@ _NO_WALL = """
     мебель размеры текст оси лестница лестницы штриховка 家具 尺寸 文字 寸法 轴 가구 치수
     קורה קורות ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
 """
+_THINGS = """
+    furniture furn desk desks chair chairs table tables couch sofa sofas bed beds shelf shelves bench benches
+    light lights lamp lamps tree trees car cars label labels text texts dimension dimensions dims arrow arrows
+    route routes mobel moebel meuble meubles mobilier mobili muebles
+"""
+"""Of the words for what is no wall, those that name a single shape. Others name rooms as well: a layer
+`kitchen` holds furniture, a shape `kitchen` or `room-border` is a room."""
 _NO_WALL_ENDS = """
     fluchtweg fluchtwege rettungsweg rettungswege pfeil pfeile hilfslinie hilfslinien heizkorper heizkoerper
     mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken
@@ -178,6 +186,12 @@ def _words(listed: str) -> frozenset[str]:
 def _ends(words: set[str], listed: str) -> bool:
     ends = tuple(_words(listed))
     return any(word.endswith(ends) for word in words)
+
+
+def role_of_shape(name: str) -> Role:
+    """Role of a single shape by its class or id: as of a layer, but that words for rooms do not tell."""
+    role = role_of(name)
+    return Role.UNKNOWN if role == Role.NO_WALL and not words_of(name) & _words(_THINGS) else role
 
 
 def chosen_layers(path: Path, patterns: tuple[str, ...], names: tuple[str, ...]) -> list[bool]:

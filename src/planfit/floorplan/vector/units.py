@@ -26,7 +26,12 @@ from planfit.priors import BUILDING_LIKELY_SIZE_M, WALL_THICKNESS_M
 MIN_AGREEING = 3
 AGREEMENT, DIFFERENT = 0.01, 0.03
 """Scales that differ by at most the one agree; lengths that differ by more than the other are two."""
-_NUMBER = re.compile(r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(mm|cm|m)?\s*$", re.IGNORECASE)
+_NUMBER = re.compile(
+    r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(?:(mm|cm|m|мм|см|м)(?:\s+[^\W\d][^\d]{0,40})?)?\s*$",
+    re.IGNORECASE,
+)
+"""Units in Latin and Cyrillic letters; after one, words may say of what: `8.8 m roof`."""
+_LATIN = str.maketrans("мс", "mc")
 _FEET = re.compile(
     r"^\s*(?:(\d{1,4})\s*['′’]\s*-?\s*)?(?:(\d{1,2})(?:\s+(\d{1,2})/(\d{1,2}))?\s*(?:\"|″|''|”))?\s*$"
 )
@@ -172,7 +177,7 @@ def length_of_text(text: str) -> tuple[float, bool] | None:
     number = _NUMBER.match(text)
     if number:
         value = float(number.group(1).replace(",", "."))
-        unit = (number.group(2) or "").lower()
+        unit = (number.group(2) or "").lower().translate(_LATIN)
         return (value * METRES_PER_UNIT.get(unit, 1.0), bool(unit)) if value > 0 else None
     feet = _FEET.match(text)
     if feet and (feet.group(1) or feet.group(2)):

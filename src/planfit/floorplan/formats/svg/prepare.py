@@ -4,7 +4,7 @@ import gzip
 import math
 import xml.etree.ElementTree as ET
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from xml.parsers import expat
 
@@ -37,7 +37,8 @@ _APART = {
 }
 _REUSING = {f"{_SVG}{name}" for name in ("use", "symbol", "svg", "image")}
 _USE = f"{_SVG}use"
-_HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
+_XLINK = "http://www.w3.org/1999/xlink"
+_HREFS = ("href", f"{{{_XLINK}}}href")
 
 
 def load_safely(path: Path) -> tuple[ET.Element, int]:
@@ -71,6 +72,8 @@ def _checked(path: Path) -> tuple[bytes, int]:
     if not data.strip():
         raise FloorplanError(f"{path}: expected an SVG, found an empty file; export it again")
     references = 0
+    used, declared = {""}, {"xml", "xmlns"}
+    root_at: list[int] = []
 
     def refuse_entity(*_: object) -> None:
         raise FloorplanError(
@@ -78,8 +81,12 @@ def _checked(path: Path) -> tuple[bytes, int]:
             "other files or grow without bound; save it again as plain SVG"
         )
 
-    def count_references(_: str, attributes: dict[str, str]) -> None:
+    def note_names(tag: str, attributes: dict[str, str]) -> None:
         nonlocal references
+        if not root_at:
+            root_at.append(parser.CurrentByteIndex + len(f"<{tag}".encode()))
+        used.update(name.split(":")[0] for name in (tag, *attributes) if ":" in name)
+        declared.update(name[len("xmlns:") :] for name in attributes if name.startswith("xmlns"))
         for name, value in attributes.items():
             is_link = name in ("href", "xlink:href") or name.endswith(":href")
             if is_link and not value.startswith(("#", "data:")):
@@ -88,14 +95,24 @@ def _checked(path: Path) -> tuple[bytes, int]:
     parser = expat.ParserCreate()
     parser.EntityDeclHandler = refuse_entity
     parser.ExternalEntityRefHandler = refuse_entity  # type: ignore[assignment] - it never returns
-    parser.StartElementHandler = count_references
+    parser.StartElementHandler = note_names
     try:
         parser.Parse(data, True)
     except expat.ExpatError as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found no well-formed XML ({error}); export it again"
         ) from error
-    return data, references
+    return _with_namespaces(data, root_at[0], sorted(used - declared)), references
+
+
+def _with_namespaces(data: bytes, at: int, prefixes: Sequence[str]) -> bytes:
+    """The text with namespaces declared in its root, at a byte: of prefixes that it uses as pages of the web
+    do, without a word on them. The one of no prefix is SVG's own."""
+    known = {"": _SVG[1:-1], "xlink": _XLINK}
+    lacking = "".join(
+        f' xmlns{":" if each else ""}{each}="{known.get(each, f"urn:{each}")}"' for each in prefixes
+    )
+    return data[:at] + lacking.encode() + data[at:]
 
 
 def _unzipped(path: Path) -> bytes:

@@ -3,6 +3,7 @@
 import io
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,11 +15,13 @@ from svgelements import (
     SVG,
     Arc,
     Close,
+    Color,
     CubicBezier,
     Group,
     Matrix,
     Move,
     QuadraticBezier,
+    Rect,
     Shape,
     Use,
 )
@@ -28,6 +31,7 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.formats.svg.css_values import plain_colour
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
     PARSE_ERRORS,
@@ -39,8 +43,8 @@ from planfit.floorplan.formats.svg.prepare import (
 from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
-from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.drawing import LIGHT, DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.layer_names import Role, role_of, role_of_shape
 from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
@@ -51,10 +55,12 @@ PIXELS_PER_INCH = 96.0
 """Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 _SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
-LIGHT, PAPER, WHITE = 200, 235, 245
-"""Of 255, of every colour: paper and floors; paper, tinted and white."""
+PAPER, WHITE = 235, 245
+"""Of 255, of every colour: paper, tinted and white."""
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
+DARK_GROUND, GROUND_SHARE = 110, 0.9
+"""Every colour of dark ground is below the one, of 255; it reaches over this share of all that is drawn."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _IFC_CLASS = re.compile(r"\bIfc[A-Z]\w+")
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
@@ -73,11 +79,15 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     root, n_references = load_safely(path)
     svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
-    are_classes_telling = any("IfcWall" in (_own(one).get("class") or "") for one in svg.elements())
-    strokes = [shape.stroke for shape in svg.elements() if isinstance(shape, Shape)]
-    is_white = [_is_white(stroke) for stroke in strokes if _is_drawn(stroke)]
+    shapes = [element for element in svg.elements() if isinstance(element, Shape)]
+    ground = _dark_ground(svg, shapes)
+    for shape in shapes if ground is not None else ():
+        shape.fill, shape.stroke = (
+            _negative(paint, ground) for paint in (shape.fill, shape.stroke)
+        )
+    is_white = [_is_white(shape.stroke) for shape in shapes if _is_drawn(shape.stroke)]
     hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
-    _add_group(builder, svg, svg, "", None, hides_white, are_classes_telling)
+    _add_group(builder, svg, svg, "", None, hides_white)
     drawing = builder.build(unit="paper")
     if _is_own(svg):
         drawing = _in_own_units(drawing, svg)
@@ -199,6 +209,32 @@ def _drawing_of(root: ET.Element) -> object:
     return SVG.parse(io.BytesIO(text), reify=True, ppi=PIXELS_PER_INCH)
 
 
+def _dark_ground(svg: SVG, shapes: Sequence[Shape]) -> tuple[int, int, int] | None:
+    """Colour of the dark ground that a drawing is on, the page's or that of a first box which reaches over
+    nearly all; None on paper."""
+    own = _own(svg)
+    told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
+    paint = None if told in (None, "none") else Color(told)
+    first = next((shape for shape in shapes if _is_drawn(shape.fill)), None)
+    box = svg.bbox() if paint is None and first is not None else None
+    if box is not None and isinstance(first, Rect):
+        whole = shapely.box(*box)
+        is_ground = whole.intersection(shapely.box(*first.bbox())).area >= GROUND_SHARE * whole.area
+        paint = first.fill if is_ground else None
+    is_dark = _is_drawn(paint) and paint.alpha == 255 and max(_rgb(paint)) < DARK_GROUND
+    return _rgb(paint) if is_dark else None
+
+
+def _negative(paint: Color | None, ground: tuple[int, int, int]) -> Color | None:
+    """White for the ground and black for white: a drawing on dark ground is read as its negative."""
+    if not _is_drawn(paint):
+        return paint
+    parts = zip((paint.red, paint.green, paint.blue), ground, strict=True)
+    return Color(
+        *(min(255 - (part or 0) + dark, 255) for part, dark in parts), opacity=paint.opacity
+    )
+
+
 def _class_of(element) -> str:
     """Classes of an element: layers in drawings that Bonsai and IfcOpenShell make of models. What they see of
     doors and windows below the cut is the opening all the same."""
@@ -209,6 +245,16 @@ def _class_of(element) -> str:
     return f"{kinds[0]}{seen}" if kinds else words
 
 
+def _told(element) -> str:
+    """Class or id of an element, where it tells walls, openings, or what is neither."""
+    own = _own(element)
+    kind = _class_of(element)
+    if _IFC_CLASS.match(kind):
+        return kind if role_of(kind) != Role.UNKNOWN else ""
+    names = kind, own.get("id") or ""
+    return next((name for name in names if role_of_shape(name) != Role.UNKNOWN), "")
+
+
 def _add_group(
     builder: DrawingBuilder,
     svg: SVG,
@@ -216,30 +262,24 @@ def _add_group(
     layer: str,
     clip: BaseGeometry | None,
     hides_white: bool,
-    are_classes_telling: bool,
 ) -> None:
     """Shapes of a group and those within; `layer` is the innermost name given by a person, `hides_white`
-    whether white lines hide what is under them, `are_classes_telling` whether classes name layers."""
+    whether white lines hide what is under them."""
     own = _own(group)
-
-    def told(element) -> str:
-        named = _class_of(element) if are_classes_telling else ""
-        return named if role_of(named) != Role.UNKNOWN else ""
-
-    layer = own.get(_LABEL) or told(group) or _telling_id(own.get("id", "")) or layer
+    layer = own.get(_LABEL) or _told(group) or _telling_id(own.get("id", "")) or layer
     clip = _narrowed(svg, group, clip)
     for element in group:
         if _is_clear(element):
             continue
         if isinstance(element, Group | Use):
-            _add_group(builder, svg, element, layer, clip, hides_white, are_classes_telling)
+            _add_group(builder, svg, element, layer, clip, hides_white)
         elif element.values.get("visibility") in ("hidden", "collapse"):
             continue
         elif isinstance(element, Shape):
             builder.clip = _narrowed(svg, element, clip)
-            _add_shape(builder, element, told(element) or layer, hides_white)
+            _add_shape(builder, element, _told(element) or layer, hides_white)
         elif isinstance(element, SvgText):
-            _add_text(builder, element, told(element) or layer)
+            _add_text(builder, element, _told(element) or layer)
 
 
 def _is_clear(element) -> bool:
@@ -330,7 +370,12 @@ def _covers(shape: Shape) -> bool:
 
 
 def _rgb(paint) -> tuple[int, int, int]:
-    return (int(paint.red or 0), int(paint.green or 0), int(paint.blue or 0))
+    """Colour of a paint, or of as much of it as there is on white paper."""
+    share = paint.alpha / 255.0
+    red, green, blue = (
+        round(255 - share * (255 - (part or 0))) for part in (paint.red, paint.green, paint.blue)
+    )
+    return red, green, blue
 
 
 def _lightness(paint) -> int:

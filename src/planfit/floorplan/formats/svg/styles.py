@@ -20,6 +20,7 @@ from planfit.floorplan.formats.svg.css_values import (
 )
 from planfit.floorplan.formats.svg.rules import (
     STYLE,
+    SVG_NAMESPACE,
     Declaration,
     Rule,
     Selector,
@@ -35,7 +36,7 @@ _INHERITED = {
 }  # fmt: skip
 _DRAWN = _INHERITED | {
     "display", "opacity", "transform", "clip-path", "vector-effect", "mix-blend-mode", "stop-color",
-    "x", "y", "width", "height", "cx", "cy", "r", "rx", "ry",
+    "x", "y", "width", "height", "cx", "cy", "r", "rx", "ry", "background", "background-color",
 }  # fmt: skip
 """Properties that decide what is drawn where."""
 _MOST_TRIALS, _PATH_TRIALS = 1_000_000, 5
@@ -43,6 +44,11 @@ _MOST_TRIALS, _PATH_TRIALS = 1_000_000, 5
 drawing of 20,000 paths and 60 rules 0.1 million."""
 _EM_PX = 16.0
 """Font size of browsers where none is set: `medium`, 16 px."""
+_CLASS = re.compile(r"\.([-\w]+)")
+_SHAPES = {
+    f"{SVG_NAMESPACE}{name}"
+    for name in ("path", "rect", "circle", "ellipse", "line", "polyline", "polygon")
+}
 _PLAIN = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?(px)?")
 
 
@@ -69,6 +75,9 @@ def apply_styles(root: ET.Element) -> tuple[str, ...]:
     variables = _variables(root, rules)
     unknown = Counter({"style sheet in another file": sum("@import" in text for text in texts)})
     _apply_rules(root, _ready(rules, unknown))
+    _outline_unstyled(
+        root, {name for rule in rules for name in _CLASS.findall(rule.words)}, unknown
+    )
     for element in root.iter():
         if element.tag == STYLE:
             element.text = ""
@@ -125,6 +134,24 @@ def _apply_rules(root: ET.Element, by_fact: Mapping[str, Sequence[_Ready]]) -> N
         inner = [child for child in element if isinstance(child.tag, str)]
         stack += [(child, [*path, facts_of(child, is_root=False)]) for child in inner]
         _put(element, _cascade(element, matched))
+
+
+def _outline_unstyled(root: ET.Element, styled: set[str], unknown: Counter[str]) -> None:
+    """Give shapes an outline alone whose classes have their style in another file, as of a page of the web:
+    without it a browser draws them black, rooms and walls alike."""
+    stack = [(root, "")]
+    while stack:
+        element, lacking = stack.pop()
+        if element.get("fill") is not None or element.get("stroke") is not None:
+            continue
+        classes = (element.get("class") or "").split()
+        if classes and styled.isdisjoint(classes):
+            lacking = " ".join(classes)
+        stack += [(child, lacking) for child in element if isinstance(child.tag, str)]
+        if lacking and element.tag in _SHAPES:
+            element.set("fill", "none")
+            element.set("stroke", "black")
+            unknown[f"class '{_short(lacking)}', drawn as outlines"] += 1
 
 
 def _cascade(element: ET.Element, matched: Sequence[_Ready]) -> dict[str, str]:
