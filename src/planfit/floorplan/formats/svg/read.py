@@ -3,7 +3,6 @@
 import io
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,13 +14,11 @@ from svgelements import (
     SVG,
     Arc,
     Close,
-    Color,
     CubicBezier,
     Group,
     Matrix,
     Move,
     QuadraticBezier,
-    Rect,
     Shape,
     Use,
 )
@@ -31,7 +28,17 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.svg.css_values import plain_colour
+from planfit.floorplan.formats.svg.paint import (
+    PAPER,
+    covers,
+    dark_ground,
+    is_dashed,
+    is_drawn,
+    is_white,
+    lightness,
+    negative,
+    rgb_of,
+)
 from planfit.floorplan.formats.svg.prepare import (
     GROUP_TRANSFORM,
     PARSE_ERRORS,
@@ -43,7 +50,7 @@ from planfit.floorplan.formats.svg.prepare import (
 from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.drawing import LIGHT, DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, role_of, role_of_shape
 from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.plan import plan_of_drawing
@@ -55,12 +62,8 @@ PIXELS_PER_INCH = 96.0
 """Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 _SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
-PAPER, WHITE = 235, 245
-"""Of 255, of every colour: paper, tinted and white."""
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
-DARK_GROUND, GROUND_SHARE = 110, 0.9
-"""Every colour of dark ground is below the one, of 255; it reaches over this share of all that is drawn."""
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _IFC_CLASS = re.compile(r"\bIfc[A-Z]\w+")
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
@@ -80,13 +83,12 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
     shapes = [element for element in svg.elements() if isinstance(element, Shape)]
-    ground = _dark_ground(svg, shapes)
-    for shape in shapes if ground is not None else ():
-        shape.fill, shape.stroke = (
-            _negative(paint, ground) for paint in (shape.fill, shape.stroke)
-        )
-    is_white = [_is_white(shape.stroke) for shape in shapes if _is_drawn(shape.stroke)]
-    hides_white = sum(is_white) <= MOST_WHITE * len(is_white)
+    ground = dark_ground(svg, _own(svg), shapes)
+    if ground is not None:
+        for shape in shapes:
+            shape.fill, shape.stroke = negative(shape.fill, ground), negative(shape.stroke, ground)
+    white = [is_white(shape.stroke) for shape in shapes if is_drawn(shape.stroke)]
+    hides_white = sum(white) <= MOST_WHITE * len(white)
     _add_group(builder, svg, svg, "", None, hides_white)
     drawing = builder.build(unit="paper")
     if _is_own(svg):
@@ -209,32 +211,6 @@ def _drawing_of(root: ET.Element) -> object:
     return SVG.parse(io.BytesIO(text), reify=True, ppi=PIXELS_PER_INCH)
 
 
-def _dark_ground(svg: SVG, shapes: Sequence[Shape]) -> tuple[int, int, int] | None:
-    """Colour of the dark ground that a drawing is on, the page's or that of a first box which reaches over
-    nearly all; None on paper."""
-    own = _own(svg)
-    told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
-    paint = None if told in (None, "none") else Color(told)
-    first = next((shape for shape in shapes if _is_drawn(shape.fill)), None)
-    box = svg.bbox() if paint is None and first is not None else None
-    if box is not None and isinstance(first, Rect):
-        whole = shapely.box(*box)
-        is_ground = whole.intersection(shapely.box(*first.bbox())).area >= GROUND_SHARE * whole.area
-        paint = first.fill if is_ground else None
-    is_dark = _is_drawn(paint) and paint.alpha == 255 and max(_rgb(paint)) < DARK_GROUND
-    return _rgb(paint) if is_dark else None
-
-
-def _negative(paint: Color | None, ground: tuple[int, int, int]) -> Color | None:
-    """White for the ground and black for white: a drawing on dark ground is read as its negative."""
-    if not _is_drawn(paint):
-        return paint
-    parts = zip((paint.red, paint.green, paint.blue), ground, strict=True)
-    return Color(
-        *(min(255 - (part or 0) + dark, 255) for part, dark in parts), opacity=paint.opacity
-    )
-
-
 def _class_of(element) -> str:
     """Classes of an element: layers in drawings that Bonsai and IfcOpenShell make of models. What they see of
     doors and windows below the cut is the opening all the same."""
@@ -330,65 +306,23 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         parts = sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
-    if _covers(shape):
-        is_paper = _lightness(shape.fill) >= PAPER
+    if covers(shape):
+        is_paper = lightness(shape.fill) >= PAPER
         builder.add_cover([points for points, _ in parts], is_paper)
-    if hides_white and _is_drawn(shape.stroke) and _is_white(shape.stroke):
+    if hides_white and is_drawn(shape.stroke) and is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
         for points in (points for points, _ in parts if np.isfinite(points).all()):
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
-    elif _is_drawn(shape.stroke):
+    elif is_drawn(shape.stroke):
         width = float(shape.stroke_width or 1.0)
         style = (str(shape.stroke), round(width, 3))
-        pen = Pen(width, _rgb(shape.stroke), _is_dashed(shape))
+        pen = Pen(width, rgb_of(shape.stroke), is_dashed(shape))
         for points, is_curved in parts:
             builder.add_polyline(points, is_curved, layer, style, pen)
-    if _is_drawn(shape.fill):
-        builder.add_fill([points for points, _ in parts], layer, _rgb(shape.fill))
-
-
-def _is_dashed(shape: Shape) -> bool:
-    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd."""
-    words = re.split(r"[\s,]+", str((shape.values or {}).get("stroke-dasharray") or "").strip())
-    try:
-        dashes = [float(word.removesuffix("px")) for word in words]
-    except ValueError:
-        return False
-    return sum((dashes * 2)[1::2]) > 0
-
-
-def _covers(shape: Shape) -> bool:
-    """Whether a shape is a patch that hides what is under it: opaque, light, without an outline. What is dark
-    is wall over the lines of its faces."""
-    fill, values = shape.fill, shape.values or {}
-    if fill is None or not _is_drawn(fill) or _is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
-        return False
-    is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
-    return is_opaque and "mix-blend-mode" not in values and _lightness(fill) >= LIGHT
-
-
-def _rgb(paint) -> tuple[int, int, int]:
-    """Colour of a paint, or of as much of it as there is on white paper."""
-    share = paint.alpha / 255.0
-    red, green, blue = (
-        round(255 - share * (255 - (part or 0))) for part in (paint.red, paint.green, paint.blue)
-    )
-    return red, green, blue
-
-
-def _lightness(paint) -> int:
-    return min(_rgb(paint))
-
-
-def _is_white(paint) -> bool:
-    """Whether a line of this paint is paper on paper."""
-    return paint.alpha == 255 and _lightness(paint) >= WHITE
-
-
-def _is_drawn(paint) -> bool:
-    return paint is not None and paint.value is not None and paint.alpha > 0
+    if is_drawn(shape.fill):
+        builder.add_fill([points for points, _ in parts], layer, rgb_of(shape.fill))
 
 
 def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:

@@ -1,0 +1,87 @@
+"""What the fill and the stroke of a shape look like: colours on paper or on dark ground, what hides, what has
+gaps."""
+
+import re
+from collections.abc import Sequence
+
+import shapely
+from svgelements import SVG, Color, Rect, Shape
+
+from planfit.floorplan.formats.svg.css_values import plain_colour
+from planfit.floorplan.vector.drawing import LIGHT
+
+PAPER, WHITE = 235, 245
+"""Of 255, of every colour: paper, tinted and white."""
+DARK_GROUND, GROUND_SHARE = 110, 0.9
+"""Every colour of dark ground is below the one, of 255; it reaches over this share of all that is drawn."""
+
+
+def dark_ground(
+    svg: SVG, own: dict[str, str], shapes: Sequence[Shape]
+) -> tuple[int, int, int] | None:
+    """Colour of the dark ground that a drawing is on, by its page's `own` attributes or a first box which
+    reaches over nearly all; None on paper."""
+    told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
+    paint = None if told in (None, "none") else Color(told)
+    first = next((shape for shape in shapes if is_drawn(shape.fill)), None)
+    if paint is None and isinstance(first, Rect):
+        box, whole = (shapely.box(*one.bbox() or (0.0, 0.0, 0.0, 0.0)) for one in (first, svg))
+        is_ground = whole.intersection(box).area >= GROUND_SHARE * whole.area > 0.0
+        paint = first.fill if is_ground else None
+    if paint is None or paint.alpha != 255 or max(rgb_of(paint)) >= DARK_GROUND:
+        return None
+    return rgb_of(paint)
+
+
+def negative(paint: Color, ground: tuple[int, int, int]) -> Color:
+    """White for the ground and black for white: a drawing on dark ground is read as its negative."""
+    if not is_drawn(paint):
+        return paint
+    parts = zip((paint.red, paint.green, paint.blue), ground, strict=True)
+    return Color(
+        *(min(255 - (part or 0) + dark, 255) for part, dark in parts), opacity=paint.opacity
+    )
+
+
+def covers(shape: Shape) -> bool:
+    """Whether a shape is a patch that hides what is under it: opaque, light, without an outline. What is dark
+    is wall over the lines of its faces."""
+    fill, values = shape.fill, shape.values or {}
+    if fill is None or not is_drawn(fill) or is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
+        return False
+    is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
+    return is_opaque and "mix-blend-mode" not in values and lightness(fill) >= LIGHT
+
+
+def is_dashed(shape: Shape) -> bool:
+    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd."""
+    words = re.split(r"[\s,]+", str((shape.values or {}).get("stroke-dasharray") or "").strip())
+    try:
+        dashes = [float(word.removesuffix("px")) for word in words]
+    except ValueError:
+        return False
+    return sum((dashes * 2)[1::2]) > 0
+
+
+def is_drawn(paint) -> bool:
+    """Whether a paint shows."""
+    return paint is not None and paint.value is not None and paint.alpha > 0
+
+
+def is_white(paint) -> bool:
+    """Whether a line of this paint is paper on paper."""
+    return paint.alpha == 255 and lightness(paint) >= WHITE
+
+
+def lightness(paint) -> int:
+    """Of the darkest of its colours."""
+    return min(rgb_of(paint))
+
+
+def rgb_of(paint) -> tuple[int, int, int]:
+    """Colour of a paint, or of as much of it as there is on white paper."""
+    share = paint.alpha / 255.0
+    red, green, blue = (
+        round(255 - share * (255 - (part or 0))) for part in (paint.red, paint.green, paint.blue)
+    )
+    return red, green, blue
