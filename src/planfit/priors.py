@@ -237,6 +237,9 @@ BUILDING_SIZE_M = PriorRange(
 BUILDING_LIKELY_SIZE_M = PriorRange(
     3.0, 400.0, "From a room to a large hospital. Chooses between units. Chosen here."
 )
+ROOM_SIDE_M = PriorRange(
+    1.8, 6.0, "Sides of usual rooms: numbers of feet are 3.3 times as many. Chosen here."
+)
 BUILDING_USUAL_SIZE_M = Prior(
     30.0, "A house of flats or a floor of offices; for tolerances alone. Chosen here."
 )

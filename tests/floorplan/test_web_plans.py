@@ -61,6 +61,18 @@ def test_the_page_is_no_room_and_rooms_that_touch_have_walls_between(
     assert any("rooms touch" in words for words in plan.source.warnings)
 
 
+def test_rooms_of_a_wing_apart_are_told_but_samples_of_a_legend_are_not(tmp_path: Path) -> None:
+    def words(*others: str) -> list[str]:
+        rooms = [box(*room, fill="#def", stroke="#222") for room in ROOMS]
+        plan = read_floorplan(svg(tmp_path / "plan.svg", *rooms, *others))
+        return [each for each in plan.source.warnings if "stand apart" in each]
+
+    wing = [box(760, 60 + 250 * k, 200, 240, fill="#def", stroke="#222") for k in range(2)]
+    legend = [box(760, 60 + 40 * k, 30, 30, fill="#def", stroke="#222") for k in range(9)]
+    assert len(words(*wing)) == 1
+    assert not words(*legend)
+
+
 def test_filled_furniture_makes_no_plan_of_rooms(tmp_path: Path) -> None:
     """Walls as two lines; a kitchen's island of five fills stands in one of the rooms."""
     walls = [box(60, 60, 640, 480, fill="none", stroke="#222")]

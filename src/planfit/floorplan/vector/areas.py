@@ -22,6 +22,8 @@ drawing: filled pieces of furniture do not, or are a kitchen. Floors of real dra
 MOST_OF_PAGE = 0.5
 """Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it has
 around it."""
+ROOM_SIZED, MUCH_LEFT_OUT = 0.25, 0.1
+"""Of the usual room's area, what may be a room; and of the area of all rooms, what is worth a word."""
 ALL_ON, MORE_ON = 0.9, 2.0
 """The ground carries so much of the outline of all other areas, which is so many times as long as its own:
 furniture of one room is not all that is filled, and columns of a hall have less outline than it."""
@@ -216,6 +218,24 @@ def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) ->
     covered = shapely.union_all(chosen).area
     is_plan = covered > ROOMS_COVER * enclosed and enclosed > ROOMS_REACH * drawn.area
     return chosen if len(chosen) >= 3 and is_plan else []
+
+
+def left_out_rooms(rooms: list[BaseGeometry], chosen: list[BaseGeometry]) -> str:
+    """A sentence on areas as large as rooms that stand apart from the `chosen` ones, as another wing may;
+    empty where there are none. Samples of a legend are smaller."""
+    if not chosen:
+        return ""
+    areas, taken = shapely.area(np.array(rooms)), shapely.area(np.array(chosen))
+    near = shapely.intersection(np.array(rooms), shapely.union_all(chosen))
+    is_left = (areas >= ROOM_SIZED * np.median(taken)) & (shapely.area(near) < 0.5 * areas)
+    share = areas[is_left].sum() / (areas[is_left].sum() + taken.sum())
+    if share < MUCH_LEFT_OUT:
+        return ""
+    return (
+        f"{int(is_left.sum())} filled areas as large as rooms stand apart from the {len(chosen)} that were "
+        f"read as rooms, and were left out, {share:.0%} of both: compare the overlay (-o FILE.png) with the "
+        "drawing"
+    )
 
 
 def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:

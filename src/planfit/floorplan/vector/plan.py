@@ -28,6 +28,7 @@ from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
 from planfit.floorplan.vector.layer_words import length_words, words_on_layers
 from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
+from planfit.floorplan.vector.room_sizes import scale_of_rooms
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
@@ -201,7 +202,9 @@ def _walls_and_unit(
             "pass the layers that hold them, or check that it is a plan"
         )
     size = float(np.ptp(walls.faces.ends.reshape(-1, 2), axis=0).max())
-    unit = unit_of_drawing(drawing, path, options, size, walls.faces.usual_thickness, bars)
+    rooms = scale_of_rooms(walls.faces.ends, drawing.texts)
+    thickness = walls.faces.usual_thickness
+    unit = unit_of_drawing(drawing, path, options, size, thickness, bars, rooms)
     if unit.metres is not None and unit.metres != said:
         again = walls_of_drawing(drawing, roles, unit.metres)
         walls = again if len(again.faces.ends) else walls

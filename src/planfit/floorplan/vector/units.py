@@ -21,11 +21,14 @@ from planfit.floorplan.options import (
 from planfit.floorplan.vector.drawing import Text, VectorDrawing
 from planfit.floorplan.vector.scale_bars import ScaleBar
 from planfit.geometry import segments
-from planfit.priors import BUILDING_LIKELY_SIZE_M, WALL_THICKNESS_M
+from planfit.priors import BUILDING_LIKELY_SIZE_M, ROOM_SIDE_M, WALL_THICKNESS_M
 
 MIN_AGREEING = 3
 AGREEMENT, DIFFERENT = 0.01, 0.03
 """Scales that differ by at most the one agree; lengths that differ by more than the other are two."""
+SAME_UNIT, ROUNDED = 0.02, 0.1
+"""A header is right that differs by less from dimensions and bars, or from sizes of rooms alone."""
+DIMENSIONS, ROOM_SIZES = "dimension texts", "sizes of rooms"
 _NUMBER = re.compile(
     r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(?:(mm|cm|m|мм|см|м)(?:\s+[^\W\d][^\d]{0,40})?)?\s*$",
     re.IGNORECASE,
@@ -33,7 +36,7 @@ _NUMBER = re.compile(
 """Units in Latin and Cyrillic letters; after one, words may say of what: `8.8 m roof`."""
 _LATIN = str.maketrans("мс", "mc")
 _FEET = re.compile(
-    r"^\s*(?:(\d{1,4})\s*['′’]\s*-?\s*)?(?:(\d{1,2})(?:\s+(\d{1,2})/(\d{1,2}))?\s*(?:\"|″|''|”))?\s*$"
+    r"^\s*(?:(\d{1,4}(?:\.\d{1,2})?)\s*['′’]\s*-?\s*)?(?:(\d{1,2})(?:\s+(\d{1,2})/(\d{1,2}))?\s*(?:\"|″|''|”))?\s*$"
 )
 
 
@@ -47,6 +50,8 @@ class DimensionScale:
     """Whether the texts name their unit."""
     example: str
     count: int
+    usual: float = 0.0
+    """Median of the lengths told, as if numbers without a unit were metres."""
 
 
 def unit_of_drawing(
@@ -56,8 +61,10 @@ def unit_of_drawing(
     size: float,
     usual_thickness: float | None,
     bars: Sequence[ScaleBar] = (),
+    rooms: DimensionScale | None = None,
 ) -> PlanUnit:
-    """Decide on a unit; the user's word first, then the file's, the dimension texts', a scale bar's, a guess.
+    """Decide on a unit; the user's word first, then the file's, the dimension texts', a scale bar's, that of
+    sizes written in rooms, a guess.
 
     Args:
         drawing: what the file says itself.
@@ -66,6 +73,7 @@ def unit_of_drawing(
         size: larger extent of the walls, in the drawing's unit.
         usual_thickness: of its walls, in the same; None where unknown.
         bars: scale bars of the sheet.
+        rooms: what sizes written in rooms say.
 
     Raises:
         FloorplanError: the user's unit makes a building of an absurd size.
@@ -82,14 +90,23 @@ def unit_of_drawing(
                 )
         return told
     warnings: tuple[str, ...] = ()
-    by_dimensions = _told_by_dimensions(drawing, size, usual_thickness) or _told_by_bars(
-        bars, size, usual_thickness
+    straight = drawing.lines.ends[~drawing.lines.is_curved]
+    by_lines = scale_of_dimensions(straight, drawing.texts)
+    by_dimensions = (
+        _told_by_texts(by_lines, DIMENSIONS, size, usual_thickness)
+        or _told_by_bars(bars, size, usual_thickness)
+        or _told_by_texts(rooms, ROOM_SIZES, size, usual_thickness)
     )
+    # Sizes of rooms are rounded.
+    is_rounded = by_dimensions is not None and by_dimensions.name == f"of {ROOM_SIZES}"
+    same = ROUNDED if is_rounded else SAME_UNIT
     claimed = drawing.metres_per_unit
+    if is_rounded and claimed is not None:
+        by_dimensions = _in_known_unit(by_dimensions)
     if claimed is not None:
         extent = size * claimed
         if MIN_SIZE_M <= extent <= MAX_SIZE_M:
-            if by_dimensions is None or abs(claimed / by_dimensions.scale - 1) < 0.02:
+            if by_dimensions is None or abs(claimed / by_dimensions.scale - 1) < same:
                 return PlanUnit(drawing.unit, "the file's header", claimed)
             warnings = (
                 f"the file says its unit is {drawing.unit}, but by {by_dimensions.known_from} it "
@@ -109,23 +126,33 @@ def unit_of_drawing(
     return _guess(size, usual_thickness)
 
 
-def _told_by_dimensions(
-    drawing: VectorDrawing, size: float, usual_thickness: float | None
+def _told_by_texts(
+    found: DimensionScale | None, words: str, size: float, usual_thickness: float | None
 ) -> PlanUnit | None:
-    lines = drawing.lines
-    found = scale_of_dimensions(lines.ends[~lines.is_curved], drawing.texts)
+    """What texts say that stand for `words`; without a unit, in the one that makes a likely building and
+    rooms of usual size, as these are written in feet, too."""
     if found is None:
         return None
-    name = f"{found.count} dimension texts such as {found.example!r}"
+    name = f"{found.count} {words} such as {found.example!r}"
     if found.has_unit:
-        return PlanUnit("of dimension texts", name, found.metres_per_unit)
+        return PlanUnit(f"of {words}", name, found.metres_per_unit)
+    sides = (0.0, np.inf) if words == DIMENSIONS else ROOM_SIDE_M.both
     fitting = [
         scale for scale in (1.0, 0.01, 0.001)
         if _is_likely(size, usual_thickness, found.metres_per_unit * scale)
+        and sides[0] <= found.usual * scale <= sides[1]
     ]  # fmt: skip
     if len(fitting) != 1:
         return None
-    return PlanUnit("of dimension texts", name, found.metres_per_unit * fitting[0])
+    return PlanUnit(f"of {words}", name, found.metres_per_unit * fitting[0])
+
+
+def _in_known_unit(told: PlanUnit) -> PlanUnit:
+    """A unit that is one of those files are drawn in, as nearly as rounded sizes say."""
+    for name, metres in METRES_PER_UNIT.items():
+        if abs(told.scale / metres - 1) < ROUNDED:
+            return replace(told, name=name, metres=metres)
+    return told
 
 
 def _told_by_bars(
@@ -188,7 +215,7 @@ def length_of_text(text: str) -> tuple[float, bool] | None:
     return None
 
 
-def _n_apart(values: list[float]) -> int:
+def count_apart(values: list[float]) -> int:
     """How many values differ from one another by more than those that agree may: the numbers of neighbouring
     rooms (2.01, 2.02, 2.03) agree with any lines of one length, as of equal desks."""
     count, last = 0, 0.0
@@ -227,7 +254,7 @@ def scale_of_dimensions(
     agreeing = np.abs(ratios[:, None] / ratios[None] - 1) < AGREEMENT
     best = int(agreeing.sum(axis=1).argmax())
     chosen = [candidates[i] for i in np.flatnonzero(agreeing[best])]
-    n_values = _n_apart([c[1] for c in chosen])
+    n_values = count_apart([c[1] for c in chosen])
     n_texts = len({c[3] for c in chosen})
     if n_values < MIN_AGREEING or n_texts < 0.6 * n_with_line:
         return None

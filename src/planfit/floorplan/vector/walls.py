@@ -14,6 +14,7 @@ from planfit.floorplan.near_lines import check_crossings, groups_within
 from planfit.floorplan.vector.arcs import round_walls
 from planfit.floorplan.vector.areas import (
     hatched_areas,
+    left_out_rooms,
     main_rooms,
     sort_fills,
     without_ground,
@@ -96,7 +97,7 @@ def walls_of_drawing(
     drawing, swings = replace(drawing, fills=fills), [*swings, *sectors]
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
-    solids, rooms = _solids_and_rooms(drawing, roles, lines, is_row, extent)
+    solids, rooms, apart_words = _solids_and_rooms(drawing, roles, lines, is_row, extent)
     opened = open_walls(
         solids, closed_pieces(lines, roles, bounds[1]), lines, drawing.fills, roles, extent
     )
@@ -150,7 +151,7 @@ def walls_of_drawing(
         faces,
         tuple(dict.fromkeys([*used, *sorted(set(names))])),
         tuple(dropped),
-        (*found.warnings, *left_out_words(candidates, faces, extent)),
+        (*found.warnings, *filter(None, [apart_words]), *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
         np.concatenate([windows.openings, doors.openings, others.openings, opened.openings]),
@@ -234,8 +235,8 @@ def _solids_and_rooms(
     lines: Lines,
     is_row: Bool[np.ndarray, " n"],
     extent: float,
-) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
-    """Filled and hatched areas: solid walls, and floors of rooms."""
+) -> tuple[list[BaseGeometry], list[BaseGeometry], str]:
+    """Filled and hatched areas: solid walls, and floors of rooms; and a word on those left out."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
     areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
     walls, rooms = areas.walls, areas.rooms
@@ -248,7 +249,9 @@ def _solids_and_rooms(
         walls = [*walls, *slim]
     rooms = without_ground(rooms, walls, extent)
     drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
-    return walls, main_rooms(rooms, extent, shapely.convex_hull(shapely.GeometryCollection(drawn)))
+    hull = shapely.convex_hull(shapely.GeometryCollection(drawn))
+    chosen = main_rooms(rooms, extent, hull)
+    return walls, chosen, left_out_rooms(rooms, chosen)
 
 
 def _have_form_of_faces(
