@@ -53,8 +53,9 @@ def are_closed_rooms(shares: Float[np.ndarray, " k"]) -> bool:
 
 def closed_words(shares: Float[np.ndarray, " k"]) -> str:
     """A doubt about rooms without a way in."""
+    share = min(float(shares.sum()), 1.0)  # rooms in one another count twice
     return (
-        f"walls without a gap for a door close in {100 * min(float(shares.sum()), 1.0):.0f} % of the ground: is it a "
+        f"walls without a gap for a door close in {100 * share:.0f} % of the ground: is it a "
         f"section or an elevation, or are doors drawn closed? {COMPARE}"
     )
 

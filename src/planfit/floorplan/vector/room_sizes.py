@@ -6,6 +6,7 @@ may be left out of them, so single rooms are off by some per cent: the median of
 """
 
 import re
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
@@ -27,8 +28,18 @@ _SIZE = re.compile(rf"(?<![\w.,]){_LENGTH}\s*[x×х*]\s*{_LENGTH}(?![^\W_])", re
 """Two lengths with a cross between, the Cyrillic letter too; what stands before or behind does not count."""
 
 
-def size_of_room(text: str) -> tuple[float, float, bool] | None:
-    """Metres of the two sides that a text names, and whether it names their unit; None where it names none.
+@dataclass(frozen=True)
+class RoomSize:
+    """Size of a room as it is written."""
+
+    sides_m: tuple[float, float]
+    """As if numbers without a unit were metres."""
+    has_unit: bool
+    words: str
+
+
+def size_of_room(text: str) -> RoomSize | None:
+    """The size of a room that a text names, if it does.
 
     A unit behind the second length is that of both: `3.60 x 4.20 m`.
     """
@@ -39,7 +50,7 @@ def size_of_room(text: str) -> tuple[float, float, bool] | None:
     sides = [length_of_text(f"{number} {unit or last_unit or ''}") for number in (first, second)]
     if sides[0] is None or sides[1] is None or sides[0][1] != sides[1][1]:
         return None
-    return sides[0][0], sides[1][0], sides[0][1]
+    return RoomSize((sides[0][0], sides[1][0]), sides[0][1], found.group())
 
 
 def scale_of_rooms(
@@ -51,34 +62,37 @@ def scale_of_rooms(
         ends: of wall faces, in the drawing's unit.
         texts: of the drawing.
     """
-    told = [(text, size) for text in texts if (size := size_of_room(text.text))]
-    scales, sides, examples, n_rooms = [], [], [], 0
-    for text, (first, second, has_unit) in told:
-        room = _room_around(text, ends)
-        if room is None or room.min() <= 0:
+    scales: list[float] = []
+    sizes: list[RoomSize] = []
+    n_rooms = 0
+    for text in texts:
+        size = size_of_room(text.text)
+        room = None if size is None else _room_around(text, ends)
+        if size is None or room is None or room.min() <= 0:
             continue
         n_rooms += 1
         # Along x and y, or the other way about.
-        ratios = [(first / room[0], second / room[1]), (first / room[1], second / room[0])]
-        a, b = min(ratios, key=lambda pair: abs(np.log(pair[0] / pair[1])))
-        if abs(np.log(a / b)) < SIZES_AGREE:
-            scales.append(float(np.sqrt(a * b)))
-            sides.append((first, second, has_unit))
-            examples.append(_SIZE.search(text.text).group())
+        along, across = (
+            np.log(np.array(sides) / room) for sides in (size.sides_m, size.sides_m[::-1])
+        )
+        logs = min(along, across, key=lambda pair: abs(pair[0] - pair[1]))
+        if abs(logs[0] - logs[1]) < SIZES_AGREE:
+            scales.append(float(logs.mean()))
+            sizes.append(size)
     if len(scales) < MIN_ROOMS:
         return None
-    apart = np.abs(np.log(np.array(scales)[:, None] / np.array(scales)))
-    agrees = apart[int((apart < SIZES_AGREE).sum(axis=1).argmax())] < SIZES_AGREE
-    of = np.flatnonzero(agrees)
-    n_lengths = count_apart([length for k in of for length in sides[k][:2]])
-    if min(len(of), n_lengths) < MIN_ROOMS or len(of) < MOST_ROOMS * n_rooms:
+    apart = np.abs(np.array(scales)[:, None] - np.array(scales))
+    of = np.flatnonzero(apart[int((apart < SIZES_AGREE).sum(axis=1).argmax())] < SIZES_AGREE)
+    agreeing = [sizes[k] for k in of]
+    lengths = [length for size in agreeing for length in size.sides_m]
+    if min(len(of), count_apart(lengths)) < MIN_ROOMS or len(of) < MOST_ROOMS * n_rooms:
         return None
     return DimensionScale(
-        float(np.median(np.array(scales)[of])),
-        all(sides[k][2] for k in of),
-        examples[of[0]],
+        float(np.exp(np.median(np.array(scales)[of]))),
+        all(size.has_unit for size in agreeing),
+        agreeing[0].words,
         len(of),
-        float(np.median([length for k in of for length in sides[k][:2]])),
+        float(np.median(lengths)),
     )
 
 

@@ -98,11 +98,10 @@ def unit_of_drawing(
         or _told_by_texts(rooms, ROOM_SIZES, size, usual_thickness)
     )
     # Sizes of rooms are rounded.
-    is_rounded = by_dimensions is not None and by_dimensions.name == f"of {ROOM_SIZES}"
-    same = ROUNDED if is_rounded else SAME_UNIT
-    claimed = drawing.metres_per_unit
-    if is_rounded and claimed is not None:
-        by_dimensions = _in_known_unit(by_dimensions)
+    same, claimed = SAME_UNIT, drawing.metres_per_unit
+    if by_dimensions is not None and by_dimensions.name == f"of {ROOM_SIZES}":
+        same = ROUNDED
+        by_dimensions = by_dimensions if claimed is None else _in_known_unit(by_dimensions)
     if claimed is not None:
         extent = size * claimed
         if MIN_SIZE_M <= extent <= MAX_SIZE_M:
