@@ -247,6 +247,15 @@ def test_a_drawing_on_dark_ground_is_read_as_its_negative(tmp_path: Path, where:
     assert plan.lengths.sum() < 1.15 * 2 * sum(np.hypot(c - a, d - b) for a, b, c, d in WALLS)
 
 
+@pytest.mark.parametrize("size", ["0 0 800 600", "60 60 640 480"])
+def test_a_dark_slab_with_rooms_on_it_is_walls_and_no_ground(tmp_path: Path, size: str) -> None:
+    slab = box(60, 60, 640, 480, fill="#333")
+    rooms = [box(x, 72, 302, 456, fill="#fff") for x in (72, 386)]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", slab, *rooms, size=f'viewBox="{size}"'))
+    assert plan.thickness == pytest.approx(12.0, abs=0.01)
+    assert plan.lengths.sum() == pytest.approx(2 * (640 + 480 + 302 + 456 + 302 + 456))
+
+
 def outline(**style: str) -> list[str]:
     """Walls of 12 with two faces, each a box."""
     boxes = [(60, 60, 640, 480), (72, 72, 302, 456), (386, 72, 302, 456)]

@@ -4,6 +4,7 @@ gaps."""
 import re
 from collections.abc import Sequence
 
+import numpy as np
 import shapely
 from svgelements import SVG, Color, Rect, Shape
 
@@ -12,8 +13,9 @@ from planfit.floorplan.vector.drawing import LIGHT
 
 PAPER, WHITE = 235, 245
 """Of 255, of every colour: paper, tinted and white."""
-DARK_GROUND, GROUND_SHARE = 110, 0.9
-"""Every colour of dark ground is below the one, of 255; it reaches over this share of all that is drawn."""
+DARK_GROUND, GROUND_SHARE, ROOMS_SHARE = 110, 0.9, 0.5
+"""Every colour of dark ground is below the first, of 255; it reaches over this share of all that is drawn,
+and less than the last of it is light areas: of a slab with rooms on it the rest is walls."""
 
 
 def dark_ground(
@@ -23,14 +25,21 @@ def dark_ground(
     reaches over nearly all; None on paper."""
     told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
     paint = None if told in (None, "none") else Color(told)
-    first = next((shape for shape in shapes if is_drawn(shape.fill)), None)
-    if paint is None and isinstance(first, Rect):
-        box, whole = (shapely.box(*one.bbox() or (0.0, 0.0, 0.0, 0.0)) for one in (first, svg))
-        is_ground = whole.intersection(box).area >= GROUND_SHARE * whole.area > 0.0
-        paint = first.fill if is_ground else None
+    filled = [shape for shape in shapes if is_drawn(shape.fill)]
+    if paint is None and filled and isinstance(filled[0], Rect):
+        light = [s for s in filled[1:] if s.fill.alpha == 255 and lightness(s.fill) >= LIGHT]
+        page, first, *rooms = (_box(each) for each in (svg, filled[0], *light))
+        is_slab = shapely.union_all(np.array(rooms)).area > ROOMS_SHARE * first.area
+        is_ground = page.intersection(first).area >= GROUND_SHARE * page.area > 0.0
+        paint = filled[0].fill if is_ground and not is_slab else None
     if paint is None or paint.alpha != 255 or max(rgb_of(paint)) >= DARK_GROUND:
         return None
     return rgb_of(paint)
+
+
+def _box(element: SVG | Shape) -> shapely.Polygon:
+    x0, y0, x1, y1 = element.bbox() or (0.0, 0.0, 0.0, 0.0)
+    return shapely.box(x0, y0, x1, y1)
 
 
 def negative(paint: Color, ground: tuple[int, int, int]) -> Color:
