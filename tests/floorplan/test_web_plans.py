@@ -317,3 +317,42 @@ def test_partitions_in_a_finer_pen_that_hang_on_walls_are_walls(tmp_path: Path) 
     sides = [(x, 70, x, 330) for x in (397.5, 402.5)] + [(405, y, 690, y) for y in (337.5, 342.5)]
     assert drawn_share(plan, sides) > 0.98
     assert drawn_share(plan, [(120, y, 340, y) for y in (197.5, 202.5)]) == 0.0
+
+
+DRAWN = "M60,60 H700 V540 H60 Z M400,60 V200 M400,260 V540 M400,340 H700"
+
+
+@pytest.mark.parametrize(("before", "more"), [
+    ("", 'class="text-gray-900"'), ("", 'class="wall light"'), ("", 'id="Bed_2"'), ("", 'id="My Table"'),
+    ('<g class="app-window">', ""), ("", 'stroke-dasharray="5000"'),
+    ("", 'pathLength="1" stroke-dasharray="1"'), ("", 'stroke-dasharray="6 0.01"'),
+    ("<style>svg{background:#111}</style>" + box(20, 20, 760, 560, fill="#fff"), ""),
+    (box(0, 0, 800, 600, opacity="0%"), ""), (box(0, 0, 800, 600, opacity="0.03"), ""),
+    ('<g visibility="hidden">' + box(0, 0, 800, 600) + "</g>", ""),
+])  # fmt: skip
+def test_what_styles_and_hides_changes_no_wall(tmp_path: Path, before: str, more: str) -> None:
+    """Words by which pages style and name, lines that draw themselves, what does not show."""
+
+    def length(before: str, more: str) -> float:
+        walls = f'<path d="{DRAWN}" fill="none" stroke="#000" stroke-width="12" {more}/>'
+        after = "</g>" if before.startswith("<g class") else ""
+        return float(read_floorplan(svg(tmp_path / "p.svg", before, walls, after)).lengths.sum())
+
+    assert length(before, more) == pytest.approx(length("", ""), rel=1e-3)
+
+
+def test_windows_in_a_pen_a_third_as_wide_as_walls_are_none(tmp_path: Path) -> None:
+    walls = [line(*wall, "#111", 12) for wall in WALLS]
+    thin = [line(100, 60 + d, 220, 60 + d, "#111", 4) for d in (-6, 6)] + [
+        line(80, 300, 82, 280, "#111", 1)
+    ]
+    plans = [read_floorplan(svg(tmp_path / "p.svg", *walls, *more)) for more in ([], thin)]
+    assert plans[1].lengths.sum() == pytest.approx(plans[0].lengths.sum(), rel=0.02)
+
+
+def test_another_encoding_is_read_as_it_is(tmp_path: Path) -> None:
+    whole = svg(tmp_path / "whole.svg", *outline())
+    other = tmp_path / "other.svg"
+    text = whole.read_text().replace("<rect", '<rect xmlns:a="urn:a" a:b="1"')
+    other.write_bytes(('<?xml version="1.0" encoding="UTF-16"?>' + text).encode("utf-16"))
+    np.testing.assert_array_equal(read_floorplan(other).ends, read_floorplan(whole).ends)

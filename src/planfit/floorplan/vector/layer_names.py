@@ -63,7 +63,7 @@ _NO_WALL = """
     lights lite electrical elec hvac mechanical duct ceiling ceilings clng roof roofing landscape vegetation
     planting plnt tree trees car cars vehicle vehicles people table tables chair chairs shelf shelves couch
     benches bench desk desks kitchen symbol symbols room-text area areas flooring tiles tiling paving carpet
-    sofa sofas bed beds lamp lamps muebles
+    sofa sofas lamp lamps muebles
     beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
     centreline header lintel demo demolition sketch projection furnishing furnishings millwork lvtry
@@ -104,12 +104,14 @@ _NO_WALL = """
     קורה קורות ריהוט מידות טקסט מדרגות צירים סניטריה רהיטים
 """
 _THINGS = """
-    furniture furn desk desks chair chairs table tables couch sofa sofas bed beds shelf shelves bench benches
-    light lights lamp lamps tree trees car cars label labels text texts dimension dimensions dims arrow arrows
-    route routes mobel moebel meuble meubles mobilier mobili muebles
+    furniture furn desk desks chair chairs table tables couch sofa sofas shelf shelves bench benches lamp
+    lamps tree trees dimension dimensions dims arrow arrows route routes mobel moebel meuble
+    meubles mobilier mobili muebles
 """
-"""Of the words for what is no wall, those that name a single shape. Others name rooms as well: a layer
-`kitchen` holds furniture, a shape `kitchen` or `room-border` is a room."""
+"""Of the words for what is no wall, those that a single shape is named by, first of all. Others name rooms as
+well (a layer `kitchen` holds furniture, a shape `kitchen` or `bed_2` is a room), or how text is set."""
+_LAYOUT = "column columns col cols colm structure"
+"""Words for walls by which pages of the web name parts of themselves."""
 _NO_WALL_ENDS = """
     fluchtweg fluchtwege rettungsweg rettungswege pfeil pfeile hilfslinie hilfslinien heizkorper heizkoerper
     mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken
@@ -188,10 +190,17 @@ def _ends(words: set[str], listed: str) -> bool:
     return any(word.endswith(ends) for word in words)
 
 
-def role_of_shape(name: str) -> Role:
-    """Role of a single shape by its class or id: as of a layer, but that words for rooms do not tell."""
-    role = role_of(name)
-    return Role.UNKNOWN if role == Role.NO_WALL and not words_of(name) & _words(_THINGS) else role
+def telling_word(names: str) -> str:
+    """Of the classes or the id of a shape, the one that tells its role: of walls if any does, then of
+    openings; empty where none does. Furniture has a word for it first (`desk-12`), as what has one otherwise
+    may be a room or a style."""
+    told: dict[Role, str] = {}
+    for word in names.split():
+        role, parts = role_of(word), [folded(part) for part in _WORD.findall(_CAMEL.sub(" ", word))]
+        is_style = role == Role.NO_WALL and parts[0] not in _words(_THINGS)
+        if not is_style and not (role == Role.WALL and set(parts) & _words(_LAYOUT)):
+            told.setdefault(role, word)
+    return next((told[r] for r in (Role.WALL, Role.OPENING, Role.NO_WALL) if r in told), "")
 
 
 def chosen_layers(path: Path, patterns: tuple[str, ...], names: tuple[str, ...]) -> list[bool]:

@@ -23,9 +23,9 @@ WIDE, WIDEST = 7e-3, 0.05
 of a house of 13 m. Narrower ones are read as single lines, whose thickness an alignment finds."""
 FINER = 3.0
 """The usual one of the finer lines is so many times as fine."""
-THINNER, THINNEST = 0.45, 0.3
-"""Partitions are at least so many times as thick as walls usually are, by DIN 4172: 0.115 m beside 0.24, or
-beside 0.365, which must stand out from finer lines as walls do."""
+THINNER = 0.45
+"""Partitions are at least so many times as thick as walls usually are: 0.115 m beside 0.24 by DIN 4172. Finer
+pens are those of doors, windows and dimensions, which hang on walls as well."""
 PAIRED, PAIR_GAP = 0.5, 4.5
 """Strokes with another beside them for so much of their length, so many widths off at most, are the two faces
 of walls in a broad pen."""
@@ -84,15 +84,11 @@ def are_bodies(
     slim = shapely.length(body) ** 2 / (16 * max(body.area, 1e-300))
     if body.area < MOST_COVERED * hull and slim > LEAST_SLIM:
         none[chosen] = True
-        usual = weighted_median(width[chosen], length[chosen])
-        for each in np.unique(width[may & ~none & (length > 0) & (width >= THINNEST * usual)]):
-            own = np.flatnonzero(may & (length > 0) & (width == each))
-            finer = (width < each) & (length > 0)
-            stands_out = finer.any() and each >= FINER * weighted_median(
-                width[finer], length[finer]
-            )
-            if stands_out or each >= THINNER * usual:
-                none[own[_hang_on(ends[own], float(each), body)]] = True
+        finer = may & ~none & (length > 0)
+        finer &= width >= THINNER * weighted_median(width[chosen], length[chosen])
+        for each in np.unique(width[finer]):
+            own = np.flatnonzero(finer & (width == each))
+            none[own[_hang_on(ends[own], float(each), body)]] = True
     return none
 
 

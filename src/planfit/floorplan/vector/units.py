@@ -27,7 +27,7 @@ MIN_AGREEING = 3
 AGREEMENT, DIFFERENT = 0.01, 0.03
 """Scales that differ by at most the one agree; lengths that differ by more than the other are two."""
 SAME_UNIT, ROUNDED = 0.02, 0.1
-"""A header is right that differs by less from dimensions and bars, or from sizes of rooms alone."""
+"""A header is right that differs by less from dimensions and bars, or from sizes of rooms."""
 DIMENSIONS, ROOM_SIZES = "dimension texts", "sizes of rooms"
 _NUMBER = re.compile(
     r"^\s*(\d{1,6}(?:[.,]\d{1,3})?)\s*(?:(mm|cm|m|мм|см|м)(?:\s+[^\W\d][^\d]{0,40})?)?\s*$",
@@ -90,22 +90,18 @@ def unit_of_drawing(
                 )
         return told
     warnings: tuple[str, ...] = ()
+    claimed = drawing.metres_per_unit
     straight = drawing.lines.ends[~drawing.lines.is_curved]
     by_lines = scale_of_dimensions(straight, drawing.texts)
     by_dimensions = (
         _told_by_texts(by_lines, DIMENSIONS, size, usual_thickness)
         or _told_by_bars(bars, size, usual_thickness)
-        or _told_by_texts(rooms, ROOM_SIZES, size, usual_thickness)
+        or _told_by_rooms(rooms, claimed, size, usual_thickness)
     )
-    # Sizes of rooms are rounded.
-    same, claimed = SAME_UNIT, drawing.metres_per_unit
-    if by_dimensions is not None and by_dimensions.name == f"of {ROOM_SIZES}":
-        same = ROUNDED
-        by_dimensions = by_dimensions if claimed is None else _in_known_unit(by_dimensions)
     if claimed is not None:
         extent = size * claimed
         if MIN_SIZE_M <= extent <= MAX_SIZE_M:
-            if by_dimensions is None or abs(claimed / by_dimensions.scale - 1) < same:
+            if by_dimensions is None or abs(claimed / by_dimensions.scale - 1) < SAME_UNIT:
                 return PlanUnit(drawing.unit, "the file's header", claimed)
             warnings = (
                 f"the file says its unit is {drawing.unit}, but by {by_dimensions.known_from} it "
@@ -146,12 +142,21 @@ def _told_by_texts(
     return PlanUnit(f"of {words}", name, found.metres_per_unit * fitting[0])
 
 
-def _in_known_unit(told: PlanUnit) -> PlanUnit:
-    """A unit that is one of those files are drawn in, as nearly as rounded sizes say."""
-    for name, metres in METRES_PER_UNIT.items():
-        if abs(told.scale / metres - 1) < ROUNDED:
-            return replace(told, name=name, metres=metres)
-    return told
+def _told_by_rooms(
+    rooms: DimensionScale | None, claimed: float | None, size: float, usual_thickness: float | None
+) -> PlanUnit | None:
+    """What sizes of rooms say. They are rounded: a header's unit (m) that they contradict gives way to one
+    that files are drawn in, and holds where numbers without a unit agree with it in any, as in feet."""
+    found = _told_by_texts(rooms, ROOM_SIZES, size, usual_thickness)
+    if found is None or rooms is None or claimed is None:
+        return found
+    units = np.array(list(METRES_PER_UNIT.values()))
+    read_as = np.ones(1) if rooms.has_unit else units
+    if (np.abs(claimed / rooms.metres_per_unit / read_as - 1) < ROUNDED).any():
+        return None
+    off = np.abs(found.scale / units - 1)
+    name, metres = list(METRES_PER_UNIT.items())[int(off.argmin())]
+    return replace(found, name=name, metres=metres) if off.min() < ROUNDED else None
 
 
 def _told_by_bars(

@@ -26,13 +26,18 @@ def dark_ground(
     told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
     paint = None if told in (None, "none") else Color(told)
     filled = [shape for shape in shapes if is_drawn(shape.fill)]
-    if paint is None and filled and isinstance(filled[0], Rect):
+    if paint is None and filled and isinstance(filled[0], Rect) and is_opaque(filled[0]):
         light = [s for s in filled[1:] if s.fill.alpha == 255 and lightness(s.fill) >= LIGHT]
         page, first, *rooms = (_box(each) for each in (svg, filled[0], *light))
         is_slab = shapely.union_all(np.array(rooms)).area > ROOMS_SHARE * first.area
         is_ground = page.intersection(first).area >= GROUND_SHARE * page.area > 0.0
         paint = filled[0].fill if is_ground and not is_slab else None
     if paint is None or paint.alpha != 255 or max(rgb_of(paint)) >= DARK_GROUND:
+        return None
+    # Dark lines would not show on it: they are on light areas.
+    strokes = [shape for shape in shapes if is_drawn(shape.stroke)]
+    dark = sum(_box(s).length / 2 for s in strokes if max(rgb_of(s.stroke)) < DARK_GROUND)
+    if dark > 0.5 * sum(_box(shape).length / 2 for shape in strokes):
         return None
     return rgb_of(paint)
 
@@ -58,18 +63,27 @@ def covers(shape: Shape) -> bool:
     fill, values = shape.fill, shape.values or {}
     if fill is None or not is_drawn(fill) or is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
         return False
-    is_opaque = str(values.get("opacity") or "1").strip() in ("1", "1.0", "100%")
-    return is_opaque and "mix-blend-mode" not in values and lightness(fill) >= LIGHT
+    return is_opaque(shape) and "mix-blend-mode" not in values and lightness(fill) >= LIGHT
+
+
+def is_opaque(shape: Shape) -> bool:
+    """Whether nothing shows through a shape but for what its paint lets through."""
+    return str((shape.values or {}).get("opacity") or "1").strip() in ("1", "1.0", "100%")
 
 
 def is_dashed(shape: Shape) -> bool:
-    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd."""
-    words = re.split(r"[\s,]+", str((shape.values or {}).get("stroke-dasharray") or "").strip())
+    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd. Not
+    where one dash is as long as all (pages draw lines little by little so), nor where gaps are finer than the
+    stroke."""
+    values = shape.values or {}
+    words = re.split(r"[\s,]+", str(values.get("stroke-dasharray") or "").strip())
     try:
         dashes = [float(word.removesuffix("px")) for word in words]
-    except ValueError:
+        whole = float(values.get("pathLength") or 0.0) or _box(shape).length / 2
+    except (TypeError, ValueError):
         return False
-    return sum((dashes * 2)[1::2]) > 0
+    gaps = (dashes * 2)[1::2]
+    return max(gaps) > 0.5 * float(shape.stroke_width or 1.0) and max(dashes[::2]) < whole
 
 
 def is_drawn(paint) -> bool:

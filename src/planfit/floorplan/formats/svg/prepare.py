@@ -38,6 +38,7 @@ _APART = {
 _REUSING = {f"{_SVG}{name}" for name in ("use", "symbol", "svg", "image")}
 _USE = f"{_SVG}use"
 _XLINK = "http://www.w3.org/1999/xlink"
+_INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 _HREFS = ("href", f"{{{_XLINK}}}href")
 
 
@@ -84,7 +85,10 @@ def _checked(path: Path) -> tuple[bytes, int]:
     def note_names(tag: str, attributes: dict[str, str]) -> None:
         nonlocal references
         if not root_at:
-            root_at.append(parser.CurrentByteIndex + len(f"<{tag}".encode()))
+            begin = f"<{tag}".encode()
+            at = parser.CurrentByteIndex
+            # Other encodings than UTF-8 are left as they are.
+            root_at.append(at + len(begin) if data[at:].startswith(begin) else 0)
         used.update(name.split(":")[0] for name in (tag, *attributes) if ":" in name)
         declared.update(name[len("xmlns:") :] for name in attributes if name.startswith("xmlns"))
         for name, value in attributes.items():
@@ -102,13 +106,14 @@ def _checked(path: Path) -> tuple[bytes, int]:
         raise FloorplanError(
             f"{path}: expected an SVG, found no well-formed XML ({error}); export it again"
         ) from error
-    return _with_namespaces(data, root_at[0], sorted(used - declared)), references
+    lacking = sorted(used - declared) if root_at[0] else []
+    return _with_namespaces(data, root_at[0], lacking), references
 
 
 def _with_namespaces(data: bytes, at: int, prefixes: Sequence[str]) -> bytes:
     """The text with namespaces declared in its root, at a byte: of prefixes that it uses as pages of the web
     do, without a word on them. The one of no prefix is SVG's own."""
-    known = {"": _SVG[1:-1], "xlink": _XLINK}
+    known = {"": _SVG[1:-1], "xlink": _XLINK, "inkscape": _INKSCAPE}
     lacking = "".join(
         f' xmlns{":" if each else ""}{each}="{known.get(each, f"urn:{each}")}"' for each in prefixes
     )

@@ -3,6 +3,7 @@
 import io
 import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -51,7 +52,7 @@ from planfit.floorplan.formats.svg.styles import apply_styles
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
-from planfit.floorplan.vector.layer_names import Role, role_of, role_of_shape
+from planfit.floorplan.vector.layer_names import Role, role_of, telling_word
 from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
@@ -64,6 +65,7 @@ _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 _SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
+_HIDDEN = ("hidden", "collapse")
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _IFC_CLASS = re.compile(r"\bIfc[A-Z]\w+")
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
@@ -82,7 +84,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     root, n_references = load_safely(path)
     svg, not_understood, n_broken = _parsed(root, path)
     builder = DrawingBuilder()
-    shapes = [element for element in svg.elements() if isinstance(element, Shape)]
+    shapes = list(_shown_shapes(svg))
     ground = dark_ground(svg, _own(svg), shapes)
     if ground is not None:
         for shape in shapes:
@@ -221,14 +223,28 @@ def _class_of(element) -> str:
     return f"{kinds[0]}{seen}" if kinds else words
 
 
-def _told(element) -> str:
-    """Class or id of an element, where it tells walls, openings, or what is neither."""
-    own = _own(element)
+def _shown_shapes(group: Group | Use) -> Iterator[Shape]:
+    """Shapes of a group and those within, but for what is hidden."""
+    for element in group:
+        if _is_clear(element):
+            continue
+        if isinstance(element, Group | Use):
+            yield from _shown_shapes(element)
+        elif isinstance(element, Shape) and (element.values or {}).get("visibility") not in _HIDDEN:
+            yield element
+
+
+def _layer_of(element, layer: str) -> str:
+    """Class or id of an element that tells its role, where the `layer` around it tells none."""
+    if role_of(layer) != Role.UNKNOWN:
+        return layer
     kind = _class_of(element)
     if _IFC_CLASS.match(kind):
-        return kind if role_of(kind) != Role.UNKNOWN else ""
-    names = kind, own.get("id") or ""
-    return next((name for name in names if role_of_shape(name) != Role.UNKNOWN), "")
+        return kind if role_of(kind) != Role.UNKNOWN else layer
+    # A window that holds others is one of a program.
+    is_window = isinstance(element, Group) and role_of(telling_word(kind)) == Role.OPENING
+    name = (_own(element).get("id") or "").replace(" ", "-")
+    return ("" if is_window else telling_word(kind)) or telling_word(name) or layer
 
 
 def _add_group(
@@ -242,28 +258,29 @@ def _add_group(
     """Shapes of a group and those within; `layer` is the innermost name given by a person, `hides_white`
     whether white lines hide what is under them."""
     own = _own(group)
-    layer = own.get(_LABEL) or _told(group) or _telling_id(own.get("id", "")) or layer
+    around = layer if group is svg else _layer_of(group, layer)
+    layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or around
     clip = _narrowed(svg, group, clip)
     for element in group:
         if _is_clear(element):
             continue
         if isinstance(element, Group | Use):
             _add_group(builder, svg, element, layer, clip, hides_white)
-        elif element.values.get("visibility") in ("hidden", "collapse"):
+        elif element.values.get("visibility") in _HIDDEN:
             continue
         elif isinstance(element, Shape):
             builder.clip = _narrowed(svg, element, clip)
-            _add_shape(builder, element, _told(element) or layer, hides_white)
+            _add_shape(builder, element, _layer_of(element, layer), hides_white)
         elif isinstance(element, SvgText):
-            _add_text(builder, element, _told(element) or layer)
+            _add_text(builder, element, _layer_of(element, layer))
 
 
 def _is_clear(element) -> bool:
     """Whether an element, or a group with all in it, is transparent altogether."""
     try:
-        return float(_own(element).get("opacity", 1.0)) <= 0.0
-    except (TypeError, ValueError):
-        return False  # a share in per cent, or no number
+        return float(str(_own(element).get("opacity", 1.0)).strip().removesuffix("%")) <= 0.0
+    except ValueError:
+        return False
 
 
 def _telling_id(name: str) -> str:
