@@ -235,12 +235,13 @@ def _shown_shapes(group: Group | Use) -> Iterator[Shape]:
 
 
 def _layer_of(element, layer: str) -> str:
-    """Class or id of an element that tells its role, where the `layer` around it tells none."""
-    if role_of(layer) != Role.UNKNOWN:
-        return layer
+    """The class of an element that a model gave it; else its class or id where that tells its role and the
+    `layer` around it tells none."""
     kind = _class_of(element)
-    if _IFC_CLASS.match(kind):
-        return kind if role_of(kind) != Role.UNKNOWN else layer
+    if _IFC_CLASS.match(kind) and role_of(kind) != Role.UNKNOWN:
+        return kind
+    if role_of(layer) != Role.UNKNOWN or _IFC_CLASS.match(kind):
+        return layer
     # A window that holds others is one of a program.
     is_window = isinstance(element, Group) and role_of(telling_word(kind)) == Role.OPENING
     name = (_own(element).get("id") or "").replace(" ", "-")
