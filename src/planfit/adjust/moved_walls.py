@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.adjust.association import Association, PatchesOnPlan, wall_patches_in_plan
 from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
+from planfit.floorplan.near_lines import connected_groups
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.priors import (
     DOOR_GAP_M,
@@ -168,11 +169,13 @@ def is_one_wall(face: int, other: int, floorplan: Floorplan) -> bool:
 
 def wall_numbers(faces: Int[np.ndarray, " k"], floorplan: Floorplan) -> Int[np.ndarray, " k"]:
     """Number of the wall that each of some faces is of, from 0."""
-    wall = np.arange(len(faces))
-    for i, j in combinations(range(len(faces)), 2):
-        if wall[i] != wall[j] and is_one_wall(int(faces[i]), int(faces[j]), floorplan):
-            wall[wall == wall[j]] = wall[i]
-    return np.unique(wall, return_inverse=True)[1].reshape(-1)
+    alike = [
+        (i, j)
+        for i, j in combinations(range(len(faces)), 2)
+        if is_one_wall(int(faces[i]), int(faces[j]), floorplan)
+    ]
+    first, second = np.array(alike, dtype=int).reshape(-1, 2).T
+    return connected_groups(first, second, len(faces))
 
 
 def _finding(wall: MovedWall, floorplan: Floorplan) -> Finding:

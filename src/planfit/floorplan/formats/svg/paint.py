@@ -36,8 +36,9 @@ def dark_ground(
         return None
     # Dark lines would not show on it: they are on light areas.
     strokes = [shape for shape in shapes if is_drawn(shape.stroke)]
-    dark = sum(_box(s).length / 2 for s in strokes if max(rgb_of(s.stroke)) < DARK_GROUND)
-    if dark > 0.5 * sum(_box(shape).length / 2 for shape in strokes):
+    around = [_box(shape).length for shape in strokes]
+    is_dark = [max(rgb_of(shape.stroke)) < DARK_GROUND for shape in strokes]
+    if np.dot(around, is_dark) > 0.5 * sum(around):
         return None
     return rgb_of(paint)
 

@@ -88,7 +88,7 @@ def _checked(path: Path) -> tuple[bytes, int]:
             begin = f"<{tag}".encode()
             at = parser.CurrentByteIndex
             # Other encodings than UTF-8 are left as they are.
-            root_at.append(at + len(begin) if data[at:].startswith(begin) else 0)
+            root_at.append(at + len(begin) if data.startswith(begin, at) else 0)
         used.update(name.split(":")[0] for name in (tag, *attributes) if ":" in name)
         declared.update(name[len("xmlns:") :] for name in attributes if name.startswith("xmlns"))
         for name, value in attributes.items():

@@ -65,7 +65,6 @@ _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 _SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
 MOST_WHITE = 0.3
 """A share of lines in white above this is of a drawing on dark ground."""
-_HIDDEN = ("hidden", "collapse")
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"
 _IFC_CLASS = re.compile(r"\bIfc[A-Z]\w+")
 _URL = re.compile(r"url\(\s*['\"]?#([^)'\"]+)['\"]?\s*\)")
@@ -223,14 +222,20 @@ def _class_of(element) -> str:
     return f"{kinds[0]}{seen}" if kinds else words
 
 
-def _shown_shapes(group: Group | Use) -> Iterator[Shape]:
-    """Shapes of a group and those within, but for what is hidden."""
+def _shown(group: Group | Use) -> Iterator:
+    """Elements of a group, but for those that do not show; of a group the elements in it say so."""
     for element in group:
-        if _is_clear(element):
-            continue
+        is_hidden = (element.values or {}).get("visibility") in ("hidden", "collapse")
+        if not _is_clear(element) and (isinstance(element, Group | Use) or not is_hidden):
+            yield element
+
+
+def _shown_shapes(group: Group | Use) -> Iterator[Shape]:
+    """Shapes of a group and those within."""
+    for element in _shown(group):
         if isinstance(element, Group | Use):
             yield from _shown_shapes(element)
-        elif isinstance(element, Shape) and (element.values or {}).get("visibility") not in _HIDDEN:
+        elif isinstance(element, Shape):
             yield element
 
 
@@ -262,13 +267,9 @@ def _add_group(
     around = layer if group is svg else _layer_of(group, layer)
     layer = own.get(_LABEL) or _telling_id(own.get("id", "")) or around
     clip = _narrowed(svg, group, clip)
-    for element in group:
-        if _is_clear(element):
-            continue
+    for element in _shown(group):
         if isinstance(element, Group | Use):
             _add_group(builder, svg, element, layer, clip, hides_white)
-        elif element.values.get("visibility") in _HIDDEN:
-            continue
         elif isinstance(element, Shape):
             builder.clip = _narrowed(svg, element, clip)
             _add_shape(builder, element, _layer_of(element, layer), hides_white)
