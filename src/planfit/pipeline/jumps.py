@@ -46,8 +46,8 @@ class _Tried:
     tracking: Tracking
     prepared: PreparedScan
     on_plan: ScanOnPlan
-    times_usual: float = float("inf")
-    """How unusual the step with the jump would truly be."""
+    cost: float = 0.0
+    """By how much less like a walk the step with the jump is so than as recorded, squared sigmas."""
     is_against: Bool[np.ndarray, " p"] | None = None
     """Pairs by surfaces that contradict it, and that it was prepared without; None: none."""
 
@@ -137,7 +137,7 @@ class _Walk:
         if highest < max(as_recorded - SAME_SCORE, MIN_SCORE):
             return None
         level = [t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE]
-        return min(level, key=lambda each: each.times_usual)
+        return min(level, key=lambda each: each.cost)
 
     def tried_with_jumps(self, tracking: Tracking) -> Iterator[_Tried]:
         """The walk with the jump at each undecided step where it lets loops close, aligned."""
@@ -148,7 +148,7 @@ class _Walk:
                 continue
             found = self.aligned(each.tracking, prepared)
             if found is not None:
-                yield replace(found, times_usual=each.times_usual)
+                yield replace(found, cost=each.cost)
 
     def better_by_parts(self, as_is: _Tried) -> _Tried | None:
         """The walk with its parts placed one by one, if much more of its walls is explained so."""

@@ -27,9 +27,9 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.priors import CLEAR_ODDS
-from planfit.scan.odometry import LONG, times_usual, usual_step
+from planfit.scan.odometry import unusualness, usual_step
 from planfit.tracking import Tracking
-from planfit.tracking.breaks import MOST_UNUSUAL, is_far
+from planfit.tracking.breaks import is_far
 from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
@@ -123,20 +123,14 @@ class _Walk:
         return self.summed(np.full(len(self.of_key), NULL_SCORE))
 
     def log_odds(self, before: _Place, after: _Place) -> Float[np.ndarray, " s"]:
-        """Of a jump from one place to another at each step; -inf where there is none.
-
-        The tracker jumped where the recorded step is unusual, and what the walk made was usual.
-        """
+        """Of a jump from one place to another at each step; -inf where there is none."""
         poses, usual = self.level_from_keys, usual_step(self.recorded)
         told = se3.inverse(before.plan_from_level @ poses[:-1]) @ (
             after.plan_from_level @ poses[1:]
         )
-        was, would_be = (
-            np.minimum(times_usual(steps, usual) / LONG, MOST_UNUSUAL) ** 2 / 2.0
-            for steps in (self.recorded, told)
-        )
+        gain = unusualness(self.recorded, usual) - unusualness(told, usual)
         is_none = self.is_whole | leaps(told, self.recorded, usual[0])
-        return np.where(is_none, -np.inf, was - would_be - PRICE)
+        return np.where(is_none, -np.inf, gain / 2.0 - PRICE)
 
 
 def placed_by_parts(

@@ -16,6 +16,9 @@ USUAL_SHARE = 0.9
 """Share of the steps that are as long as usual, or shorter."""
 LONG = 1.5
 """Steps longer than so many usual ones are long. ConSLAM has eleven unmeasured ones that are no jumps."""
+MOST_UNUSUAL = 4.0
+"""Steps that are longer than long ones by more than this factor tell no more of a jump. Its square is what
+the length of a step counts at most, beside squared sigmas of motions."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,17 @@ def times_usual(
     """How many times as large as a usual step each is, in length or angle, whichever is more."""
     length, angle = step_sizes(cam_from_next)
     return np.maximum(length / usual[0], angle / usual[1])
+
+
+def unusualness(
+    cam_from_next: Float[np.ndarray, "s 4 4"], usual: tuple[float, float]
+) -> Float[np.ndarray, " s"]:
+    """How little each step is like those of a walk, as squared sigmas: the cost by which jumps are placed.
+
+    Where several steps may hold a jump, it was at the one that is long, and not at the one that would be if
+    the jump were undone there: the walk with the least sum is the likeliest.
+    """
+    return np.minimum(times_usual(cam_from_next, usual) / LONG, MOST_UNUSUAL) ** 2
 
 
 def make_odometry(

@@ -14,7 +14,14 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.priors import STEP_AT_VIDEO_RATE_M
-from planfit.scan.odometry import LONG, Odometry, times_usual, usual_step
+from planfit.scan.odometry import (
+    LONG,
+    MOST_UNUSUAL,
+    Odometry,
+    times_usual,
+    unusualness,
+    usual_step,
+)
 from planfit.tracking.motions import (
     MAX_SIGMAS,
     MIN_MATCHES_ALONE,
@@ -28,10 +35,6 @@ TRUNCATION = 8.0
 """Departures beyond so many sigmas count no more: a false motion is false, however far off."""
 MAX_STRETCH = 3
 """Frames in a row that are taken for outliers; more are two breaks."""
-
-MOST_UNUSUAL = 4.0
-"""Steps that are longer than long ones by more than this factor tell no more of a jump. Its square is what
-the length of a step counts at most, beside squared sigmas of motions."""
 MAX_CONTRADICTED = 0.4
 """Where a larger share of the motions contradicts the poses, what is broken is no single step."""
 MIN_JUMP_M = STEP_AT_VIDEO_RATE_M.value
@@ -128,7 +131,8 @@ def find_displacement(
             continue
         rank = found.gain
         if is_tail:
-            rank += _less_unusual(world_from_cams, found, usual)
+            recorded, corrected = unusualness(_steps_at(world_from_cams, found), usual)
+            rank += float(recorded - corrected)
         if best is not None and rank <= best_rank:
             continue
         if is_tail or _is_seen_from_both_sides(votes, found, contradicts[of]):
@@ -136,25 +140,12 @@ def find_displacement(
     return best
 
 
-def _less_unusual(
-    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, usual: tuple[float, float]
-) -> float:
-    """By how much more usual a step is without the jump in it.
-
-    Where no motion ends between two steps, either may have been the jump as far as motions say. It was the
-    one that is long, and not the one that would be if that were undone.
-    """
-    recorded, corrected = np.minimum(_times_long(world_from_cams, jump, usual), MOST_UNUSUAL) ** 2
-    return float(recorded - corrected)
-
-
-def _times_long(
-    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement, usual: tuple[float, float]
-) -> Float[np.ndarray, "2"]:
-    """How many times as large as a long step the one onto the jump is, as recorded and corrected."""
+def _steps_at(
+    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement
+) -> Float[np.ndarray, "2 4 4"]:
+    """The step onto the displaced frames, as recorded and corrected."""
     before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
-    steps = se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
-    return times_usual(steps, usual) / LONG
+    return se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
 
 
 def _is_blind(
@@ -170,7 +161,7 @@ def _is_blind(
     pairs slide by the same way: two of them turned steps of 0.8 m, like all about it, into 1.7 m. What looks
     alike from a frame does so beside each of its neighbours: two of one frame made 0.43 m of a step of 0.30.
     """
-    recorded, corrected = _times_long(world_from_cams, jump, usual)
+    recorded, corrected = times_usual(_steps_at(world_from_cams, jump), usual) / LONG
     supports = (votes.cost(jump.world_from_recorded) < MAX_SIGMAS**2) & contradicts
     is_sure = (votes.n_inliers[supports] >= MIN_MATCHES_ALONE).any()
     if is_sure or corrected <= 1.0 < recorded:

@@ -11,7 +11,7 @@ import numpy as np
 
 from planfit.geometry import se3
 from planfit.matching import Matches
-from planfit.scan.odometry import times_usual, usual_step
+from planfit.scan.odometry import unusualness, usual_step
 from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
 from planfit.tracking.motions import MAX_SIGMAS, expected_covariance
 from planfit.tracking.submaps import MIN_VOTES, motions_between
@@ -26,8 +26,8 @@ class JumpHypothesis:
     """Frame before the jump."""
     tracking: Tracking
     """With the frames after it where revisits put them."""
-    times_usual: float
-    """How many times as large as a usual step the step would truly be."""
+    cost: float
+    """By how much less like a walk the step is so than as recorded, squared sigmas (`unusualness`)."""
 
 
 def jump_hypotheses(tracking: Tracking, matches: Matches) -> tuple[JumpHypothesis, ...]:
@@ -86,4 +86,5 @@ def _with_jump_at(
         undecided_steps=np.setdiff1d(tracking.undecided_steps, [step]),
         contradicted_steps=np.zeros(0, dtype=int),
     )
-    return JumpHypothesis(step, jumped, float(times_usual(steps[step][None], usual)[0]))
+    told, recorded = unusualness(np.stack([steps[step], odometry.cam_from_next[step]]), usual)
+    return JumpHypothesis(step, jumped, float(told - recorded))
