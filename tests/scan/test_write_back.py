@@ -2,19 +2,21 @@
 
 import hashlib
 import shutil
+import struct
 import zipfile
 
 import numpy as np
 import pytest
 from bag_writer import BagWriter, write_images, write_tf
 from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
 
 from planfit.geometry import se3
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
 from planfit.synth import BuildingOptions, SynthOptions, WalkOptions, make_scan, write_facap
-from scan_samples import WRITERS, N, write_colmap, write_zip
+from scan_samples import WRITERS, N, put, write_colmap, write_zip
 
 PLACE = {
     "7-scenes": "", "tum": "", "redwood": "", "scannet": "pose", "replica": "", "nerfstudio": "",
@@ -88,17 +90,49 @@ def test_of_an_archive(sample, tmp_path):
     assert_allclose(read_scan(path).world_from_cams, refined, atol=1e-9)
 
 
-def test_of_a_binary_model(sample, tmp_path):
-    """It comes back as text, which COLMAP reads too where the binary files are not there."""
-    folder, out = tmp_path / "scan", tmp_path / "out"
-    write_colmap(folder, sample, binary=True)
+def write_rig(folder, sample, binary):
+    """As COLMAP 3.12 has it beside a model: one rig, and a frame an image with numbers of their own."""
+    frames = []
+    for i, pose in enumerate(sample.poses):
+        x, y, z, w = Rotation.from_matrix(pose[:3, :3].T).as_quat()
+        frames.append((i + 11, 5, w, x, y, z, *np.linalg.inv(pose)[:3, 3], 1, 1, i + 1))
+    if binary:
+        put(folder / "rigs.bin", struct.pack("<QIIiI", 1, 5, 1, 0, 1))
+        rows = [struct.pack("<II7dIiIQ", *row[:10], 0, *row[10:]) for row in frames]
+        put(folder / "frames.bin", struct.pack("<Q", N) + b"".join(rows))
+    else:
+        put(folder / "rigs.txt", "# rigs\n5 1 CAMERA 1\n")
+        lines = [" ".join(map(str, (*row[:10], "CAMERA", *row[10:]))) for row in frames]
+        put(folder / "frames.txt", "\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize("has_frames", [False, True])
+@pytest.mark.parametrize("binary", [False, True])
+def test_colmap_finds_the_refined_poses_in_its_own_model(binary, has_frames, sample, tmp_path):
+    """It prefers binary files to text beside them, and poses of frames to those of images."""
+    folder, out = tmp_path / "scan" / "sparse" / "0", tmp_path / "out"
+    write_colmap(tmp_path / "scan", sample, binary)
+    suffix = "bin" if binary else "txt"
+    put(folder / f"points3D.{suffix}", struct.pack("<Q", 0) if binary else "# no points\n")
+    if has_frames:
+        write_rig(folder, sample, binary)
     out.mkdir()
-    scan = read_scan(folder)
+    scan = read_scan(tmp_path / "scan")
     refined = moved(scan.world_from_cams)
-    scan.files.write_poses(out, refined)
-    shutil.rmtree(folder / "sparse" / "0")
-    shutil.copytree(out, folder / "sparse" / "0")
-    assert_allclose(read_scan(folder).world_from_cams, refined, atol=1e-6)
+    scan.files.write_poses(out, refined[1:], np.arange(1, N))
+    assert {p.name for p in out.iterdir()} == {p.name for p in folder.iterdir()}
+    put_back("colmap", tmp_path / "scan", out)
+    assert_allclose(read_scan(tmp_path / "scan").world_from_cams, refined[1:], atol=1e-9)
+    pycolmap = pytest.importorskip("pycolmap", reason="pycolmap is not installed")
+    model = pycolmap.Reconstruction(str(folder))
+    assert sorted(model.images) == list(range(2, N + 1))
+    for number, image in model.images.items():
+        expected = np.linalg.inv(refined[number - 1])[:3]
+        assert_allclose(image.cam_from_world().matrix(), expected, atol=1e-9)
+        assert_allclose([point.xy for point in image.points2D], [[10.5, 20.5], [30.25, 40.0]])
+    camera = model.cameras[1]
+    assert (camera.width, camera.height) == (sample.camera.width, sample.camera.height)
+    assert_allclose(camera.params[:2], [sample.camera.fx, sample.camera.fy], atol=1e-9)
 
 
 @pytest.mark.parametrize("binary", [False, True])
@@ -114,8 +148,8 @@ def test_a_model_keeps_what_its_images_observed(binary, sample, tmp_path):
     for image in images:
         assert_allclose(image.uv, [[10.5, 20.5], [30.25, 40.0]])
         assert image.point_id.tolist() == [-1, -1]
-    points = (out / "points3D.txt").read_text().splitlines()
-    assert all(line.startswith("#") for line in points)
+    points = (out / f"points3D.{'bin' if binary else 'txt'}").read_bytes()
+    assert points == bytes(8) if binary else points.startswith(b"#") and points.count(b"\n") == 1
 
 
 def test_of_a_bag(sample, tmp_path):

@@ -10,6 +10,8 @@ from planfit.scan.formats.colmap_model import (
     ColmapImage,
     model_files,
     read_model,
+    write_binary_model,
+    write_frames,
     write_model,
 )
 from planfit.scan.images.lens import Lens
@@ -75,8 +77,11 @@ def _lens(listing: Listing[_Model], frame: Frame, _: Size) -> Lens:
 
 
 def _write(refined: Refined[_Model]) -> None:
-    """What images observe stays, the points do not: they lay where the old poses put them, and
-    point_triangulator finds them again."""
+    """In the form it came in: COLMAP prefers a binary model to one of text beside it, and frames to images.
+
+    What images observe stays, the points do not: they lay where the old poses put them, and
+    point_triangulator finds them again.
+    """
     model = refined.content
     _, whole = read_model(refined.source, model.folder, observations=True)
     uv_of = {image.image_id: image.uv for image in whole}
@@ -86,7 +91,10 @@ def _write(refined: Refined[_Model]) -> None:
         uv = uv_of[old.image_id]
         none = np.full(0 if uv is None else len(uv), -1)
         images.append(ColmapImage(old.image_id, old.camera_id, old.name, pose, uv, none))
-    write_model(refined.directory, list(model.cameras.values()), images)
+    write = write_binary_model if model.where.suffix == ".bin" else write_model
+    write(refined.directory, list(model.cameras.values()), images)
+    if refined.source.exists(str(PurePosixPath(model.folder) / f"frames{model.where.suffix}")):
+        write_frames(refined.directory, images, model.where.suffix == ".bin")
 
 
 def _model_folder(source: FileSource) -> str | None:
@@ -115,8 +123,9 @@ COLMAP = FolderLayout(
                                          patch_match_stereo
 
 The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
-poses are written with what the images observed, and without points, which `colmap point_triangulator` finds
-again.
+poses are written as the model came, binary or text, with what the images observed, and without points, which
+`colmap point_triangulator` finds again. Rigs and frames of COLMAP 3.12, where the model has them, are written
+as COLMAP reads older models: a rig a camera, a frame an image, so that each image has its refined pose.
 """,
     expects=(
         "images.bin or images.txt in sparse/0/, sparse/ or the folder itself, with depth/ or "

@@ -1,6 +1,7 @@
 """COLMAP's sparse models: cameras, images, and what they observed, as text or binary.
 
-Poses in the files are cam_from_world; pixels count from the corner of the first.
+Poses in the files are cam_from_world; pixels count from the corner of the first. Binary layouts are those of
+COLMAP's reconstruction_io_binary.cc.
 """
 
 import struct
@@ -38,6 +39,10 @@ MODELS = (
     ("FISHEYE", 4),
 )
 """Name and number of parameters of each camera model, by its number."""
+CAMERA = 0
+"""The kind of sensor that a rig's cameras are (colmap/util/types.h)."""
+SEEN = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
+"""An observation in a binary file."""
 N_LENSES = 7
 """The first so many models are lenses that can be undone here; of the others only the size is of use."""
 
@@ -88,6 +93,13 @@ class ColmapImage:
     """Observations, px from the corner of the first pixel; None: not read."""
     point_id: Int[np.ndarray, " k"] | None = None
     """Of each observation; -1 where no 3D point."""
+
+    @property
+    def cam_from_world(self) -> tuple[float, ...]:
+        """qw qx qy qz tx ty tz, as the files have it."""
+        cam_from_world = se3.inverse(self.world_from_cam)
+        x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat(canonical=True)
+        return tuple(float(v) for v in (w, x, y, z, *cam_from_world[:3, 3]))
 
 
 def model_files(source: FileSource, folder: str = "") -> tuple[str, str]:
@@ -162,9 +174,7 @@ def write_model(
              " NAME; then POINTS2D[] as (X, Y, POINT3D_ID)"]  # fmt: skip
     seen_in: dict[int, list[str]] = {}
     for image in images:
-        cam_from_world = se3.inverse(image.world_from_cam)
-        x, y, z, w = Rotation.from_matrix(cam_from_world[:3, :3]).as_quat(canonical=True)
-        numbers = " ".join(f"{v:.12g}" for v in (w, x, y, z, *cam_from_world[:3, 3]))
+        numbers = " ".join(map(repr, image.cam_from_world))
         seen = []
         if image.uv is not None and image.point_id is not None:
             for k, ((u, v), point) in enumerate(zip(image.uv, image.point_id, strict=True)):
@@ -183,6 +193,61 @@ def write_model(
             words = [f"{i} {x:.6f} {y:.6f} {z:.6f} {r} {g} {b} {error:.4g}", *seen_in.get(i, [])]
             lines.append(" ".join(words))
     (directory / "points3D.txt").write_text("\n".join(lines) + "\n")
+
+
+def write_binary_model(
+    directory: Path, cameras: Sequence[ColmapCamera], images: Sequence[ColmapImage]
+) -> None:
+    """cameras.bin, images.bin and points3D.bin without points in an existing folder.
+
+    All three, because COLMAP takes a folder for a binary model where all of them are there.
+    """
+    numbers = {name: number for number, (name, _) in enumerate(MODELS)}
+    lenses = [
+        struct.pack(f"<IiQQ{len(c.parameters)}d", c.camera_id, numbers[c.model], c.width, c.height,
+                    *c.parameters)
+        for c in cameras
+    ]  # fmt: skip
+    posed = []
+    for image in images:
+        seen = np.zeros(0 if image.uv is None else len(image.uv), SEEN)
+        if image.uv is not None:
+            seen["uv"], seen["point"] = image.uv, -1 if image.point_id is None else image.point_id
+        head = struct.pack("<I7dI", image.image_id, *image.cam_from_world, image.camera_id)
+        name = image.name.encode() + b"\0"
+        posed.append(head + name + struct.pack("<Q", len(seen)) + seen.tobytes())
+    for table, rows in (("cameras", lenses), ("images", posed), ("points3D", [])):
+        _write_rows(directory / f"{table}.bin", rows)
+
+
+def write_frames(directory: Path, images: Sequence[ColmapImage], is_binary: bool) -> None:
+    """rigs and frames of COLMAP 3.12 and later, as it makes them of older models: a rig a camera, a frame an
+    image, so that each image has its own pose, which COLMAP then takes from the frame."""
+    cameras = sorted({image.camera_id for image in images})
+    if is_binary:
+        rigs = [struct.pack("<IIiI", number, 1, CAMERA, number) for number in cameras]
+        frames = [
+            struct.pack("<II7dIiIQ", image.image_id, image.camera_id, *image.cam_from_world, 1, CAMERA,
+                        image.camera_id, image.image_id)
+            for image in images
+        ]  # fmt: skip
+        _write_rows(directory / "rigs.bin", rigs)
+        _write_rows(directory / "frames.bin", frames)
+        return
+    lines = ["# Rig list: RIG_ID, NUM_SENSORS, REF_SENSOR_TYPE, REF_SENSOR_ID"]
+    lines += [f"{number} 1 CAMERA {number}" for number in cameras]
+    (directory / "rigs.txt").write_text("\n".join(lines) + "\n")
+    lines = ["# Frame list: FRAME_ID, RIG_ID, QW, QX, QY, QZ, TX, TY, TZ, NUM_DATA_IDS, DATA_IDS[] as "
+             "(SENSOR_TYPE, SENSOR_ID, DATA_ID)"]  # fmt: skip
+    for image in images:
+        pose = " ".join(map(repr, image.cam_from_world))
+        number, camera = image.image_id, image.camera_id
+        lines.append(f"{number} {camera} {pose} 1 CAMERA {camera} {number}")
+    (directory / "frames.txt").write_text("\n".join(lines) + "\n")
+
+
+def _write_rows(path: Path, rows: Sequence[bytes]) -> None:
+    path.write_bytes(struct.pack("<Q", len(rows)) + b"".join(rows))
 
 
 def _camera(number: int, model: str, size: tuple[int, int], parameters: Sequence[float], where: str
@@ -319,12 +384,11 @@ def _binary_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
 
 def _binary_images(source: FileSource, name: str, observations: bool) -> list[ColmapImage]:
     data, where = _Bytes(source, name), str(source.path / name)
-    layout = np.dtype([("uv", "<f8", 2), ("point", "<i8")])
     images = []
     for _ in range(data.take("Q")[0]):
         image_id, *numbers, camera_id = data.take("I7dI")
         image_name = data.text()
-        points = data.array(layout, data.take("Q")[0])
+        points = data.array(SEEN, data.take("Q")[0])
         pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
         seen = (points["uv"].copy(), points["point"].copy()) if observations else ()
         images.append(ColmapImage(image_id, camera_id, image_name, pose, *seen))
