@@ -121,7 +121,7 @@ def write_e57(
     is_scaled: bool = False,
 ) -> None:
     """A scan for each start, with a pose, in the order of times; intensity, colour, a field of an extension,
-    an invalid point, an image."""
+    an invalid point, an image of the last scan with a pose."""
     file = libe57.ImageFile(str(path), "w")
     file.extensionsAdd("", libe57.E57_V1_0_URI)
     file.extensionsAdd("own", "http://example.org/own")
@@ -134,6 +134,8 @@ def write_e57(
     root.set("images2D", images)
     image = libe57.StructureNode(file)
     images.append(image)
+    image.set("associatedData3DGuid", libe57.StringNode(file, "{2}"))
+    _put_e57_pose(file, image, Rotation.from_euler("x", 30.0, degrees=True), walk.xyz[0])
     blob = libe57.BlobNode(file, 100)
     image.set("jpegImage", blob)
     blob.write(np.arange(100, dtype=np.uint8), 0, 100)
@@ -151,13 +153,9 @@ def write_e57(
 E57_SCAN_AT = np.array([2_683_400.0, 1_247_880.0, 430.0])
 
 
-def _put_e57_scan(file, scan, xyz, times, start_s, is_spherical, is_scaled):
-    scan.set("guid", libe57.StringNode(file, "{2}"))
-    scan.set("name", libe57.StringNode(file, "walk"))
-    turn = Rotation.from_euler("z", 20.0, degrees=True)
-    at = E57_SCAN_AT if np.abs(xyz).max() > 1e5 else np.zeros(3)
+def _put_e57_pose(file, target, turn, at):
     pose = libe57.StructureNode(file)
-    scan.set("pose", pose)
+    target.set("pose", pose)
     for kind, values in (("rotation", dict(zip("xyzw", turn.as_quat(), strict=True))),
                          ("translation", dict(zip("xyz", at, strict=True)))):  # fmt: skip
         node = libe57.StructureNode(file)
@@ -165,6 +163,14 @@ def _put_e57_scan(file, scan, xyz, times, start_s, is_spherical, is_scaled):
         for axis in "wxyz":
             if axis in values:
                 node.set(axis, libe57.FloatNode(file, float(values[axis])))
+
+
+def _put_e57_scan(file, scan, xyz, times, start_s, is_spherical, is_scaled):
+    scan.set("guid", libe57.StringNode(file, "{2}"))
+    scan.set("name", libe57.StringNode(file, "walk"))
+    turn = Rotation.from_euler("z", 20.0, degrees=True)
+    at = E57_SCAN_AT if np.abs(xyz).max() > 1e5 else np.zeros(3)
+    _put_e57_pose(file, scan, turn, at)
     start = libe57.StructureNode(file)
     scan.set("acquisitionStart", start)
     start.set("dateTimeValue", libe57.FloatNode(file, start_s))

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError, told_as
 from planfit.geometry import se3
@@ -24,9 +23,12 @@ from planfit.scan.laser.e57_nodes import (
     make_buffers,
     names_of,
     number_in,
+    pose_in,
+    put_pose,
+    text_in,
     to_cartesian,
 )
-from planfit.scan.laser.recording import laser_recording
+from planfit.scan.laser.recording import KILOMETRE_M, laser_recording
 from planfit.scan.layout import WholeFile
 
 EXPECTED = "an E57 file"
@@ -61,6 +63,8 @@ class _ScanOfFile:
     """GPS seconds of its beginning, where it is told."""
     shift_s: float
     """From its times to those of the file."""
+    guid: str
+    has_pose: bool
 
     @property
     def is_spherical(self) -> bool:
@@ -134,31 +138,64 @@ class E57File:
             yield TimedPoints(xyz, times, is_valid)
 
     def write_moved(self, path: Path, move: Move, to_other_axes: bool = False) -> None:
-        """A copy in which points are moved; each scan keeps its pose, and every field its form.
+        """A copy in which points are moved, and every field keeps its form.
 
-        In other axes scans have no poses, and the name of the coordinate system is left out.
+        The pose of a scan, and those of its images, go where the scan goes half way through: its points, in
+        its own axes, move by the rest alone. In other axes scans have no poses, and the name of the
+        coordinate system is left out.
         """
         libe57 = load_libe57()
-        left_out = ("pose", "coordinateMetadata") if to_other_axes else ()
-        poses = [np.eye(4) if to_other_axes else scan.file_from_scan for scan in self.scans]
+        left_out = ("coordinateMetadata",) if to_other_axes else ()
+        motions = [self._motion(k, move) for k in range(len(self.scans))]
+        poses = [
+            np.eye(4) if to_other_axes
+            else motion @ scan.file_from_scan if scan.has_pose
+            else scan.file_from_scan
+            for scan, motion in zip(self.scans, motions, strict=True)
+        ]  # fmt: skip
         bounds = [self._moved_bounds(k, move, pose) for k, pose in enumerate(poses)]
         with self._opened() as source:
             target = libe57.ImageFile(str(path), "w")
             try:
                 for i in range(source.extensionsCount()):
                     target.extensionsAdd(source.extensionsPrefix(i), source.extensionsUri(i))
-                copy_children(source.root(), target.root(), target, ("data3D", *left_out))
-                nodes = source.root()["data3D"]
-                scans = libe57.VectorNode(target, True)
-                target.root().set("data3D", scans)
-                for k in range(nodes.childCount()):
-                    made = libe57.StructureNode(target)
-                    scans.append(made)
-                    copy_children(nodes[k], made, target, ("points", *BOUNDS, *left_out))
+                apart = ("data3D", "images2D", *left_out)
+                copy_children(source.root(), target.root(), target, apart)
+                motion_of = {s.guid: m for s, m in zip(self.scans, motions, strict=True) if s.guid}
+                for node, made in _made_again(source, target, "images2D"):
+                    motion = motion_of.get(text_in(node, "associatedData3DGuid"))
+                    is_moved = motion is not None and node.isDefined("pose")
+                    copy_children(node, made, target, ("pose",) if is_moved else ())
+                    if is_moved:
+                        put_pose(made, target, motion @ pose_in(node))
+                for k, (node, made) in enumerate(_made_again(source, target, "data3D")):
+                    copy_children(node, made, target, ("points", "pose", *BOUNDS, *left_out))
+                    if self.scans[k].has_pose and not to_other_axes:
+                        put_pose(made, target, poses[k])
                     to_scan = partial(self._moved, self.scans[k], move, poses[k])
-                    self._write_points(k, nodes[k]["points"], made, target, to_scan, bounds[k])
+                    self._write_points(k, node["points"], made, target, to_scan, bounds[k])
             finally:
                 target.close()
+
+    def _motion(self, k: int, move: Move) -> Float[np.ndarray, "4 4"]:
+        """How a scan moves in the axes of the file half way through its times, which is rigid."""
+        scan = self.scans[k]
+        middle_s = self._middle_s(k)
+        if middle_s is None:
+            return np.eye(4)
+        at = scan.file_from_scan[:3, 3]
+        ends = move(at + KILOMETRE_M * np.vstack([np.zeros(3), np.eye(3)]), np.full(4, middle_s))
+        rotation = se3.project_to_so3((ends[1:] - ends[0]).T / KILOMETRE_M)
+        return se3.make_transform(rotation, ends[0] - rotation @ at)
+
+    def _middle_s(self, k: int) -> float | None:
+        """Half way through the times of a scan; None where it has none."""
+        first, last = np.inf, -np.inf
+        for _, n, arrays in self._pieces(("timeStamp",), k):
+            times = self._times(arrays, n, self.scans[k])
+            known = times[np.isfinite(times)]
+            first, last = known.min(initial=first), known.max(initial=last)
+        return (first + last) / 2 if first <= last else None
 
     def _write_points(
         self,
@@ -274,17 +311,28 @@ class E57File:
 
 def _scan_of(node: Any, start_s: float | None, shift_s: float) -> _ScanOfFile:
     points = node["points"]
-    rotation = [number_in(node, "pose", "rotation", axis) for axis in "xyzw"]
-    translation = [number_in(node, "pose", "translation", axis) or 0.0 for axis in "xyz"]
-    quaternion = [0.0, 0.0, 0.0, 1.0] if None in rotation else [float(v or 0.0) for v in rotation]
-    pose = se3.make_transform(Rotation.from_quat(quaternion).as_matrix(), np.array(translation))
     return _ScanOfFile(
         int(points.childCount()),
         tuple(names_of(points.prototype())),
-        pose,
+        pose_in(node),
         start_s or None,
         shift_s,
+        text_in(node, "guid"),
+        node.isDefined("pose"),
     )
+
+
+def _made_again(source: Any, target: Any, name: str) -> Iterator[tuple[Any, Any]]:
+    """Structures of a list of a file, each with an empty one at its place in another file."""
+    if not source.root().isDefined(name):
+        return
+    libe57, nodes = load_libe57(), source.root()[name]
+    listed = libe57.VectorNode(target, True)
+    target.root().set(name, listed)
+    for i in range(nodes.childCount()):
+        made = libe57.StructureNode(target)
+        listed.append(made)
+        yield nodes[i], made
 
 
 E57 = WholeFile(
@@ -297,8 +345,10 @@ E57 = WholeFile(
 Read as [las](#las) is: instants of half a second, seen by level cameras. A timeStamp counts seconds from the
 start of its scan, which the standard tells in GPS time; how times relate to the trajectory's clock is found
 where one usual relation alone fits, told, and refused else. Several scans of a file are one walk. Points
-that are marked as invalid are left out. Every point is moved by the correction of its time in the axes of its
-scan, whose pose stays; precision, fields and all else of the file are kept, but for groups of points (lines).
+that are marked as invalid are left out. Every point is moved by the correction of its time: the pose in the
+header of its scan, and those of the scan's images, by that of half way through the scan, and the point in the
+scan's axes by the rest, nothing where a scan moved as a whole. Precision, fields and all else of the file are
+kept, but for groups of points (lines).
 """,
     expects="an .e57 file with times, and --poses TRAJECTORY",
     checked=(

@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from planfit.geometry import se3
 
 COORDINATES = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -39,6 +42,36 @@ def number_in(node: Any, *path: str) -> float | None:
             return None
         node = node[name]
     return float(node.value())
+
+
+def text_in(node: Any, name: str) -> str:
+    """A text below a structure; empty where it is not."""
+    return str(node[name].value()) if node.isDefined(name) else ""
+
+
+def pose_in(node: Any) -> Float[np.ndarray, "4 4"]:
+    """The pose (file_from_scan, m) of a scan or an image; the identity where it has none."""
+    rotation = [number_in(node, "pose", "rotation", axis) for axis in "xyzw"]
+    translation = [number_in(node, "pose", "translation", axis) or 0.0 for axis in "xyz"]
+    quaternion = [0.0, 0.0, 0.0, 1.0] if None in rotation else [float(v or 0.0) for v in rotation]
+    return se3.make_transform(Rotation.from_quat(quaternion).as_matrix(), np.array(translation))
+
+
+def put_pose(node: Any, target_file: Any, pose: Float[np.ndarray, "4 4"]) -> None:
+    """Give a pose (file_from_scan, m) to a structure that has none."""
+    libe57 = load_libe57()
+    made = libe57.StructureNode(target_file)
+    node.set("pose", made)
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True)
+    told = {
+        "rotation": {"w": w, "x": x, "y": y, "z": z},
+        "translation": dict(zip("xyz", pose[:3, 3], strict=True)),
+    }
+    for name, values in told.items():
+        part = libe57.StructureNode(target_file)
+        made.set(name, part)
+        for axis, value in values.items():
+            part.set(axis, libe57.FloatNode(target_file, float(value)))
 
 
 def make_buffers(
