@@ -17,6 +17,7 @@ from planfit.cli.console import StageBars, check_suffix, out, tell_scan
 from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require, require_positive
 from planfit.export.as_built_files import AS_BUILT_WRITERS
+from planfit.export.axes import PlanAxes, PoseFrame, require_axes
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.matches_file import read_matches
 from planfit.export.mesh import check_suffix as check_mesh_suffix
@@ -57,8 +58,9 @@ class ExportArguments:
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
     out: Out[Path]
     """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
-    frame: Literal["world", "plan"] = "world"
-    """Axes of the poses: the scan's own, or those of the plan (z up, floor at 0; of a run alone)."""
+    frame: PoseFrame = "world"
+    """Axes of poses and points: the scan's own; of a run also those of the plan (z up, floor at 0), of the
+    plan's `file` (its unit and origin), or of the `map` that it lies on (eastings, northings, heights, m)."""
     voxel_m: float = 0.02
     """Edge of a voxel of the mesh; half of it takes four times the memory."""
     max_depth_m: float = 6.0
@@ -81,17 +83,21 @@ def export_command(arguments: ExportArguments) -> int:
         check_mesh_suffix(target)
         require_positive(arguments, "voxel_m", "max_depth_m")
         load_open3d()  # before the scan is read, which can take long
-    scan, poses = _load(arguments)
+    scan, poses, axes = _load(arguments)
     with StageBars() as bars:
         runtime = Runtime(arguments.workers, None, bars.update)
         if arguments.to in get_args(PoseForm):
             matches = read_matches(arguments.source) if arguments.to in WITH_MATCHES else None
-            write_poses(target, arguments.to, scan, poses, matches, runtime)
+            posed = poses if axes is None else axes.poses(poses)
+            write_poses(target, arguments.to, scan, posed, matches, runtime)
         else:
             with whole_file(target) as part:
-                _write_points(arguments, part, scan, poses, runtime)
+                _write_points(arguments, part, scan, poses, axes, runtime)
     tell_scan(scan)
-    out.print(f"written: {target}, {len(scan)} frames, {arguments.frame} axes", soft_wrap=True)
+    words = f" ({axes.words})" if axes is not None and axes.words else ""
+    out.print(
+        f"written: {target}, {len(scan)} frames, {arguments.frame} axes{words}", soft_wrap=True
+    )
     return 0
 
 
@@ -148,36 +154,47 @@ def _write_points(
     path: Path,
     scan: Scan,
     poses: Float[np.ndarray, "n 4 4"],
+    axes: PlanAxes | None,
     runtime: Runtime,
 ) -> None:
     kind = arguments.to
     if kind == "cloud":
         _check_cloud_suffix(arguments.out, scan)
-        write_cloud(scan, path, poses, arguments.frame == "world")
+        posed = poses if axes is None else axes.poses(poses)
+        write_cloud(scan, path, posed, arguments.frame == "world")
     elif kind == "mesh":
         mesh = fuse_mesh(scan, poses, arguments.voxel_m, arguments.max_depth_m, runtime)
+        if axes is not None:
+            mesh.apply_transform(axes.target_from_plan)
         write_mesh(path, mesh, arguments.out.suffix)
     else:
         cloud = sample_cloud(scan, runtime)
-        write_ply(path, place_cloud(cloud, poses), cloud.colors)
+        points = place_cloud(cloud, poses)
+        write_ply(path, points if axes is None else axes.points(points), cloud.colors)
 
 
-def _load(arguments: ExportArguments) -> tuple[Scan, Float[np.ndarray, "n 4 4"]]:
-    """The scan, and poses in the axes asked for."""
+def _load(
+    arguments: ExportArguments,
+) -> tuple[Scan, Float[np.ndarray, "n 4 4"], PlanAxes | None]:
+    """The scan, and poses in the world, or in the plan frame with the axes that these go to, if others."""
+    frame = arguments.frame
     if not (arguments.source / RECORD).is_file():
-        if arguments.frame == "plan":
+        if frame != "world":
             raise ScanError(
-                f"{arguments.source}: expected the output folder of planfit refine for --frame plan, "
+                f"{arguments.source}: expected the output folder of planfit refine for --frame {frame}, "
                 "found a scan; refine it first"
             )
         scan = read_scan(arguments.source, options=arguments.scan_options)
-        return scan, scan.world_from_cams
+        return scan, scan.world_from_cams, None
     record = read_record(arguments.source)
+    axes = None
+    if frame not in ("world", "plan"):
+        axes = require_axes(frame, record.axes.get(frame), arguments.to, str(arguments.source))
     as_told = None if arguments.scan_options == ScanOptions() else arguments.scan_options
     scan = record.scan(options=as_told)
     _, plan_from_cams = record.poses()
-    if arguments.frame == "plan":
-        return scan, plan_from_cams
+    if frame != "world":
+        return scan, plan_from_cams, axes
     world_from_cams = record.world_from_plan @ plan_from_cams
     world_from_cams[:, :3, :3] = se3.project_to_so3(world_from_cams[:, :3, :3])
-    return scan, world_from_cams
+    return scan, world_from_cams, None

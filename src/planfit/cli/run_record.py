@@ -13,6 +13,7 @@ from planfit.alignment import metric_plan
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
+from planfit.export.axes import AXES, PlanAxes
 from planfit.export.option_files import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
@@ -56,6 +57,8 @@ class RunRecord:
     """Of the scan's depth, as the run found it."""
     sensor: SensorCalibration
     """As the run corrected it."""
+    axes: dict[str, PlanAxes]
+    """Of the plan's `file` and of the `map`, those that it has."""
     corrections: Corrections = NO_CORRECTIONS
     """By hand, that the run was made with."""
 
@@ -156,6 +159,11 @@ def read_record(folder: Path) -> RunRecord:
             scan_options=_scan_options(record, where),
             depth_unit=DepthUnit(float(record.get("depth_factor", 1.0))),
             sensor=SensorCalibration(**record["sensor"]["correction"]),
+            axes={
+                name: PlanAxes(_finite(record[f"{name}_from_plan"], 4, 4))
+                for name in AXES
+                if record.get(f"{name}_from_plan") is not None
+            },
             corrections=_corrections(record, where),
         )
     except (*_DAMAGES, OptionError) as error:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import OptionError, OutputError, did_you_mean
+from planfit.export.axes import AXES, PoseFrame, require_axes
 from planfit.export.cloud import sample_cloud
 from planfit.export.datasets import write_colmap, write_nerfstudio
 from planfit.export.write import write_kitti, write_pose_graph
@@ -28,7 +29,7 @@ def save_poses(
     result: RefineResult,
     path: str | Path,
     to: str = "tum",
-    frame: Literal["world", "plan"] = "world",
+    frame: PoseFrame = "world",
     runtime: Runtime | None = None,
 ) -> Path:
     """Write refined poses in the form of another program, as `planfit export` does.
@@ -37,7 +38,8 @@ def save_poses(
         result: of `planfit.refine`.
         path: file to write, a folder for `colmap` and `nerfstudio`; it must not be there yet.
         to: `tum`, `kitti`, an `open3d` log, a `g2o` pose graph, or folders with images and depth.
-        frame: axes of the poses, the scan's own or those of the plan (z up, floor at 0).
+        frame: axes of the poses, the scan's own, those of the plan (z up, floor at 0), those of the plan's
+            `file` in its unit, or of the `map` that it lies on.
         runtime: threads and progress, where images are written.
 
     Returns:
@@ -45,6 +47,7 @@ def save_poses(
 
     Raises:
         OptionError: there is no such form, or the result does not know its scan.
+        OutputError: the plan has no such axes, or the form needs metres.
         OutputError: something of that name is there, or it cannot be written.
         ScanError: an image of the scan can no longer be read.
     """
@@ -60,9 +63,13 @@ def save_poses(
         )
     target = free_target(Path(path), to)
     scan = calibrated_scan(in_unit(result.made_of.scan, result.depth_unit), result.sensor)
-    poses = result.plan_from_cams if frame == "plan" else result.world_from_cams.copy()
+    poses = result.plan_from_cams if frame != "world" else result.world_from_cams.copy()
     if frame == "world":
         poses[:, :3, :3] = se3.project_to_so3(poses[:, :3, :3])
+    elif frame != "plan":
+        source = None if result.floorplan is None else result.floorplan.source
+        found = None if source is None else AXES[frame](source)
+        poses = require_axes(frame, found, to, scan.name).poses(poses)
     write_poses(target, to, scan, poses, result.matches, runtime or Runtime())
     return target
 

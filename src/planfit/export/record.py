@@ -9,6 +9,7 @@ from jaxtyping import Int
 from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
+from planfit.export.axes import axes_record
 from planfit.export.option_files import finite, finite_plain, plain
 from planfit.export.tables import registration_record, survey_record
 from planfit.findings import SCHEMA_VERSION, finding_record, sentences_of
@@ -289,6 +290,7 @@ def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
         "world_from_plan": result.world_from_plan.tolist(),
         "plan_from_world_before": before.tolist(),
         "plan_from_world_axes": None if axes is None else axes.tolist(),
+        **axes_record(None if result.floorplan is None else result.floorplan.source),
     }
 
 

@@ -92,7 +92,7 @@ def write_clouds(folder: Path, result: RefineResult, cloud: Cloud) -> None:
 
 def write_kitti(path: Path, target_from_cams: Float[np.ndarray, "n 4 4"]) -> None:
     """Write poses, the upper three rows of each in a line."""
-    lines = [" ".join(f"{v:.9e}" for v in pose[:3].ravel()) for pose in target_from_cams]
+    lines = [" ".join(f"{v:.15g}" for v in pose[:3].ravel()) for pose in target_from_cams]
     path.write_text("\n".join(lines) + "\n")
 
 

@@ -63,6 +63,8 @@ class PlanSource:
     """Where on a map the plan lies, in words; empty where the file does not tell."""
     map_from_file: Float[np.ndarray, "3 3"] | None = None
     """From the file's own coordinates to those of the map, in its unit; None where the file does not tell."""
+    map_height_m: float = 0.0
+    """Height on the map of what is at height 0 in the file."""
     element_lines: Float[np.ndarray, "e 2 2"] | None = None
     """In the file's own coordinates: outlines of the elements of a model that were read as walls; None where
     the file has none."""

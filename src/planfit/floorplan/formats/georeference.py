@@ -231,6 +231,8 @@ class MapConversion:
     """Metres of one unit of the model."""
     system: str
     """Name of the projected system; empty where the file has none."""
+    height_m: float = 0.0
+    """Of the model's origin."""
 
     @property
     def words(self) -> str:
@@ -275,7 +277,8 @@ def map_conversion(model: Any, unit_scale: float) -> MapConversion | None:
     turn = 0.0 if x is None or y is None else math.atan2(y, x)
     scale = _number(conversion.get("Scale")) or 1.0
     system = _reference_system(model)
-    return MapConversion(east * metres, north * metres, turn, scale, unit_scale, system)
+    height_m = (_number(conversion.get("OrthogonalHeight")) or 0.0) * metres
+    return MapConversion(east * metres, north * metres, turn, scale, unit_scale, system, height_m)
 
 
 def _conversion(model: Any) -> Mapping[str, Any]:

@@ -90,6 +90,7 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             opening_ids=found.id_of_side,
             map_words="" if on_map is None else on_map.words,
             map_from_file=None if on_map is None else on_map.map_from_file,
+            map_height_m=0.0 if on_map is None else on_map.height_m,
             element_lines=np.concatenate(lines),
             element_ids=tuple(
                 part.element_id
