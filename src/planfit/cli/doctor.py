@@ -30,6 +30,7 @@ EXTRAS = {
     "usd": ("rooms of RoomPlan as USDZ", ("pxr",)),
     "video": ("scans whose colour is a video", ("av",)),
     "bag": ("ROS 1 and 2 bags, MCAP", ("rosbags",)),
+    "rerun": ("recordings of Rerun", ("rerun",)),
     "laser": ("clouds of laser scanners: LAS, LAZ, E57", ("laspy", "lazrs", "pye57")),
     "record3d": ("depth of Record3D", ("liblzfse", "OpenEXR")),
     "map": ("meshes of a scan", ("open3d",)),

@@ -43,6 +43,8 @@ class ExportArguments:
         "kitti",
         "open3d",
         "g2o",
+        "rerun",
+        "rosbag",
         "ply",
         "mesh",
         "cloud",
@@ -51,13 +53,14 @@ class ExportArguments:
         "as-built",
         "pdf",
     ]
-    """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), coloured points (`ply`), a
+    """Form: trajectory files (`tum`, `kitti`, `open3d` log, `g2o` pose graph), a recording of `rerun` (needs
+    `planfit[rerun]`), a `rosbag` of ROS 2 with tf and path (needs `planfit[bag]`), coloured points (`ply`), a
     coloured `mesh` (.ply, .obj or .glb; needs `planfit[map]`), the whole `cloud` of a laser scan in its own
     format (.las, .laz, .e57), folders with images and depth (`colmap`
     model, `nerfstudio`), the verdicts on the walls of the plan, `as-built` (.csv, .geojson, .dxf with a
     layer a verdict, .bcf), or the report as `pdf`, printed by Chromium, which must be installed."""
     out: Out[Path]
-    """File to write; a folder for `colmap` and `nerfstudio`. It must not be there yet."""
+    """File to write; a folder for `rosbag`, `colmap` and `nerfstudio`. It must not be there yet."""
     frame: PoseFrame = "world"
     """Axes of poses and points: the scan's own; of a run also those of the plan (z up, floor at 0), of the
     plan's `file` (its unit and origin), or of the `map` that it lies on (eastings, northings, heights, m)."""
@@ -89,7 +92,7 @@ def export_command(arguments: ExportArguments) -> int:
         if arguments.to in get_args(PoseForm):
             matches = read_matches(arguments.source) if arguments.to in WITH_MATCHES else None
             posed = poses if axes is None else axes.poses(poses)
-            write_poses(target, arguments.to, scan, posed, matches, runtime)
+            write_poses(target, arguments.to, scan, posed, matches, runtime, arguments.frame)
         else:
             with whole_file(target) as part:
                 _write_points(arguments, part, scan, poses, axes, runtime)

@@ -1,5 +1,7 @@
 """Refined poses in the forms of other programs: what `planfit export` and `planfit.save_poses` write."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -8,8 +10,9 @@ from jaxtyping import Float
 
 from planfit.errors import OptionError, OutputError, did_you_mean
 from planfit.export.axes import AXES, PoseFrame, require_axes
-from planfit.export.cloud import sample_cloud
+from planfit.export.cloud import Cloud, sample_cloud
 from planfit.export.datasets import write_colmap, write_nerfstudio
+from planfit.export.streams import write_rerun, write_rosbag
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.matching import Matches
@@ -18,11 +21,52 @@ from planfit.pipeline.result import RefineResult
 from planfit.runtime import Runtime, whole_file, whole_folder
 from planfit.scan import Scan, calibrated_scan, write_tum
 from planfit.scan.formats.pose_lists import write_log
-from planfit.scan.odometry import OdometryOptions, make_odometry
+from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 
-PoseForm = Literal["tum", "kitti", "open3d", "g2o", "colmap", "nerfstudio"]
-"""Files, and of the last two folders with images and depth."""
+PoseForm = Literal["tum", "kitti", "open3d", "g2o", "rerun", "rosbag", "colmap", "nerfstudio"]
+"""Files, and of the last three folders."""
 WITH_MATCHES = ("g2o", "colmap")
+_FOLDERS = ("rosbag", "colmap", "nerfstudio")
+_SUFFIXES = {"open3d": ".log", "rerun": ".rrd"}
+"""By which alone their programs tell a file."""
+
+
+@dataclass(frozen=True)
+class _Posed:
+    """What a form is written of."""
+
+    scan: Scan
+    poses: Float[np.ndarray, "n 4 4"]
+    """target_from_cam"""
+    matches: Matches | None
+    runtime: Runtime
+    frame: str
+    """Name of the target."""
+
+    @property
+    def cloud(self) -> Cloud:
+        """Points that go with the poses."""
+        return sample_cloud(self.scan, self.runtime, 100_000)
+
+    @property
+    def odometry(self) -> Odometry:
+        """Recorded steps."""
+        scan = self.scan
+        return make_odometry(scan.world_from_cams, OdometryOptions(), scan.timestamps)
+
+
+_WRITERS: dict[str, Callable[[Path, _Posed], None]] = {
+    "tum": lambda path, of: write_tum(path, of.scan.timestamps, of.poses),
+    "kitti": lambda path, of: write_kitti(path, of.poses),
+    "open3d": lambda path, of: write_log(path, range(len(of.scan)), of.poses),
+    "g2o": lambda path, of: write_pose_graph(path, of.poses, of.odometry, of.matches),
+    "rerun": lambda path, of: write_rerun(path, of.scan, of.poses, of.cloud, of.frame),
+    "rosbag": lambda path, of: write_rosbag(path, of.scan, of.poses, of.frame),
+    "colmap": lambda path, of: write_colmap(
+        path, of.scan, of.poses, of.cloud, of.runtime, of.matches
+    ),
+    "nerfstudio": lambda path, of: write_nerfstudio(path, of.scan, of.poses, of.cloud, of.runtime),
+}
 
 
 def save_poses(
@@ -36,8 +80,9 @@ def save_poses(
 
     Args:
         result: of `planfit.refine`.
-        path: file to write, a folder for `colmap` and `nerfstudio`; it must not be there yet.
-        to: `tum`, `kitti`, an `open3d` log, a `g2o` pose graph, or folders with images and depth.
+        path: file to write, a folder for `rosbag`, `colmap` and `nerfstudio`; it must not be there yet.
+        to: `tum`, `kitti`, an `open3d` log, a `g2o` pose graph, a recording of `rerun`, a `rosbag` of ROS 2,
+            or folders with images and depth.
         frame: axes of the poses, the scan's own, those of the plan (z up, floor at 0), those of the plan's
             `file` in its unit, or of the `map` that it lies on.
         runtime: threads and progress, where images are written.
@@ -70,23 +115,24 @@ def save_poses(
         source = None if result.floorplan is None else result.floorplan.source
         found = None if source is None else AXES[frame](source)
         poses = require_axes(frame, found, to, scan.name).poses(poses)
-    write_poses(target, to, scan, poses, result.matches, runtime or Runtime())
+    write_poses(target, to, scan, poses, result.matches, runtime or Runtime(), frame)
     return target
 
 
 def free_target(target: Path, to: str) -> Path:
-    """The name to write; Open3D tells a trajectory by `.log` alone, so a name without a suffix gets it.
+    """The name to write; where programs tell the form by its suffix alone, a name without one gets it.
 
     Raises:
         OutputError: it has another suffix, or something of that name is there.
     """
-    if to == "open3d" and target.suffix.lower() != ".log":
+    suffix = _SUFFIXES.get(to, target.suffix)
+    if target.suffix.lower() != suffix.lower():
         if target.suffix:
             raise OutputError(
-                f"{target}: expected a file of .log, by which Open3D tells a trajectory, found "
-                f"{target.suffix}; choose another name"
+                f"{target}: expected a file of {suffix}, by which {to} is told, found {target.suffix}; "
+                "choose another name"
             )
-        target = target.with_name(f"{target.name}.log")
+        target = target.with_name(f"{target.name}{suffix}")
     if target.exists() or target.is_symlink():
         raise OutputError(f"{target}: expected no such file or folder; choose another")
     return target
@@ -99,30 +145,17 @@ def write_poses(
     poses: Float[np.ndarray, "n 4 4"],
     matches: Matches | None,
     runtime: Runtime,
+    frame: str = "world",
 ) -> None:
     """Write poses (target_from_cam) of all frames in a `PoseForm`, whole or not at all.
 
-    Matches are written by forms `WITH_MATCHES`.
+    Matches are written by forms `WITH_MATCHES`, the target's name (`frame`) by `rerun` and `rosbag`.
 
     Raises:
-        OutputError: it cannot be written, or a frame has no colour where the form needs it.
+        OutputError: it cannot be written, a library is missing, or a frame has no colour where the form
+            needs it.
         ScanError: an image cannot be read.
     """
-    if to in ("colmap", "nerfstudio"):
-        with whole_folder(target) as folder:
-            cloud = sample_cloud(scan, runtime, 100_000)
-            if to == "colmap":
-                write_colmap(folder, scan, poses, cloud, runtime, matches)
-            else:
-                write_nerfstudio(folder, scan, poses, cloud, runtime)
-        return
-    with whole_file(target) as part:
-        if to == "tum":
-            write_tum(part, scan.timestamps, poses)
-        elif to == "kitti":
-            write_kitti(part, poses)
-        elif to == "open3d":
-            write_log(part, range(len(scan)), poses)
-        else:
-            odometry = make_odometry(scan.world_from_cams, OdometryOptions(), scan.timestamps)
-            write_pose_graph(part, poses, odometry, matches)
+    posed = _Posed(scan, poses, matches, runtime, frame)
+    with (whole_folder if to in _FOLDERS else whole_file)(target) as part:
+        _WRITERS[to](part, posed)
