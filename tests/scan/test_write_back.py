@@ -1,6 +1,7 @@
 """Refined poses in the input's own format, put in place of the recorded ones, are read back equal."""
 
 import hashlib
+import json
 import shutil
 import struct
 import zipfile
@@ -150,6 +151,58 @@ def test_a_model_keeps_what_its_images_observed(binary, sample, tmp_path):
         assert image.point_id.tolist() == [-1, -1]
     points = (out / f"points3D.{'bin' if binary else 'txt'}").read_bytes()
     assert points == bytes(8) if binary else points.startswith(b"#") and points.count(b"\n") == 1
+
+
+def put_open3d_json(folder, sample):
+    """The trajectory as camera parameters instead of a log."""
+    WRITERS["redwood"](folder, sample)
+    (folder / "trajectory.log").unlink()
+    c = sample.camera
+    lens = {"width": c.width, "height": c.height,
+            "intrinsic_matrix": [c.fx, 0, 0, 0, c.fy, 0, c.cx, c.cy, 1]}  # fmt: skip
+    parameters = [
+        {"intrinsic": lens, "extrinsic": np.linalg.inv(pose).T.ravel().tolist()}
+        for pose in sample.poses
+    ]
+    put(folder / "trajectory.json", json.dumps({"parameters": parameters}))
+
+
+COUNTED = {"record3d": WRITERS["record3d"], "open3d": put_open3d_json}
+
+
+@pytest.mark.parametrize(
+    "kind", [*COUNTED, "nerfstudio", "stray", "tum", "arkit-scenes", "scannetpp"]
+)
+def test_frames_that_were_left_out_have_no_recorded_poses(kind, sample, tmp_path):
+    """They are not there, or, where frames are counted, keep their place beside the one before them."""
+    path, out = tmp_path / ("scan.r3d" if kind == "record3d" else "scan"), tmp_path / "out"
+    (COUNTED | WRITERS)[kind](path, sample)
+    out.mkdir()
+    scan = read_scan(path)
+    kept = np.array([1, 2, 4])
+    refined = moved(scan.world_from_cams)
+    scan.files.write_poses(out, refined[kept], kept)
+    if kind == "record3d":
+        with zipfile.ZipFile(path) as archive:
+            files = {name: archive.read(name) for name in archive.namelist()}
+        write_zip(path, files | {"metadata": (out / "metadata").read_bytes()})
+    elif kind == "open3d":
+        shutil.copy(out / "trajectory.json", path)
+    else:
+        put_back(kind, path, out)
+    again = read_scan(path)
+    if kind in ("tum", "arkit-scenes"):  # whose readers interpolate over a gap as short
+        (file,) = out.iterdir()
+        assert len(file.read_text().splitlines()) == len(kept)
+        return
+    if kind not in COUNTED:
+        assert again.frame_ids == tuple(scan.frame_ids[i] for i in kept)
+        assert_allclose(again.world_from_cams, refined[kept], atol=5e-6)
+        return
+    beside = [1, 1, 2, 2, 4, 4]
+    recorded = scan.world_from_cams
+    expected = refined[beside] @ np.linalg.inv(recorded[beside]) @ recorded
+    assert_allclose(again.world_from_cams, expected, atol=5e-6)
 
 
 def test_of_a_bag(sample, tmp_path):

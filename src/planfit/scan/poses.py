@@ -309,3 +309,19 @@ def poses_at(
     result = se3.interpolate(poses[before], poses[after], share)
     result[~known] = np.eye(4)
     return result, known
+
+
+def followed(
+    old: dict[int, Float[np.ndarray, "4 4"]], new: dict[int, Float[np.ndarray, "4 4"]]
+) -> dict[int, Float[np.ndarray, "4 4"]]:
+    """All poses after some of them got new ones: each of the others keeps its place beside the last (else the
+    next) of those in the order of their numbers. Nothing where none is new."""
+    anchors = np.array(sorted(n for n in new if n in old and not is_lost(old[n])), dtype=int)
+    if not len(anchors):
+        return {}
+    result = {}
+    for number, pose in old.items():
+        anchor = int(anchors[max(0, np.searchsorted(anchors, number, side="right") - 1)])
+        moved = new[anchor] @ se3.inverse(old[anchor]) @ pose
+        result[number] = new.get(number, moved)
+    return result

@@ -16,7 +16,7 @@ from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import Poses, RowAFrame
 from planfit.scan.pose_files import read_poses_of
-from planfit.scan.poses import UP_Z, check_pose
+from planfit.scan.poses import UP_Z, check_pose, followed
 from planfit.scan.recording import Frame, LensOfFrame, pinhole_lens
 from planfit.scan.source import FileSource, FolderSource, in_order
 from planfit.scan.tables import Names, first_of, number_list, read_json
@@ -182,11 +182,16 @@ def _write(refined: Refined[_Counted]) -> None:
     if not parameters:
         write_log(refined.directory / "trajectory.log", numbers, refined.poses)
         return
-    for number, pose in zip(numbers, se3.inverse(refined.poses), strict=True):
-        parameters[number] = {**parameters[number], "extrinsic": pose.ravel(order="F").tolist()}
+    # They are counted: those of frames that were left out follow their neighbours.
+    recorded = _read_json(parameters, str(refined.source.path))
+    poses = followed(recorded, dict(zip(numbers, refined.poses, strict=True)))
+    extrinsics = [se3.inverse(poses[i]).ravel(order="F").tolist() for i in range(len(parameters))]
     content = {
         "class_name": "PinholeCameraTrajectory",
-        "parameters": parameters,
+        "parameters": [
+            {**own, "extrinsic": extrinsic}
+            for own, extrinsic in zip(parameters, extrinsics, strict=True)
+        ],
         "version_major": 1,
         "version_minor": 0,
     }

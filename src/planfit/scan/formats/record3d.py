@@ -16,7 +16,7 @@ from planfit.scan.images.decode import depth_from_metres, read_exr
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
-from planfit.scan.poses import MAX_ENTRY, ROUNDING, from_opengl
+from planfit.scan.poses import MAX_ENTRY, ROUNDING, followed, from_opengl
 from planfit.scan.recording import Frame, Size
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_list, read_json
@@ -185,13 +185,14 @@ def _times(content: dict[str, Any], count: int, where: str) -> Float[np.ndarray,
 
 
 def _write(refined: Refined[_Metadata]) -> None:
-    """metadata with refined poses; those of frames that were left out stay as recorded."""
+    """metadata with refined poses; frames that were left out, which it counts, follow their neighbours."""
     metadata = refined.content
-    listed = [list(row) for row in metadata.content["poses"]]
-    gl_poses = from_opengl(refined.poses)
+    recorded = dict(enumerate(_poses(metadata.content, metadata.where)))
+    numbers = [int(frame.frame_id) for frame in refined.frames]
+    poses = followed(recorded, dict(zip(numbers, refined.poses, strict=True)))
+    gl_poses = from_opengl(np.stack([poses[number] for number in recorded]))
     quaternions = Rotation.from_matrix(gl_poses[:, :3, :3]).as_quat(canonical=True)
-    for frame, pose, xyzw in zip(refined.frames, gl_poses, quaternions, strict=True):
-        listed[int(frame.frame_id)] = [*xyzw.tolist(), *pose[:3, 3].tolist()]
+    listed = np.concatenate([quaternions, gl_poses[:, :3, 3]], axis=1).tolist()
     path = refined.directory / metadata.export.metadata
     path.write_text(json.dumps({**metadata.content, "poses": listed}) + "\n")
 

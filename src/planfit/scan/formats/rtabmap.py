@@ -24,7 +24,7 @@ from planfit.scan.formats.rtabmap_source import (
 from planfit.scan.images.files import ImageFiles, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import WholeFile
-from planfit.scan.poses import check_recorded_pose, is_lost
+from planfit.scan.poses import check_recorded_pose, followed, is_lost
 from planfit.scan.recording import Frame, Recording, Size
 from planfit.scan.source import fingerprint
 from planfit.scan.types import ScanOptions
@@ -114,7 +114,7 @@ def read(source: DatabaseSource, options: ScanOptions) -> Recording:
         numbers = [int(frame.frame_id) for frame in written]
         mounts = np.stack([cameras[number].base_from_cam for number in numbers])
         moved = dict(zip(numbers, refined @ se3.inverse(mounts), strict=True))
-        _write(source, directory / source.path.name, _followed(poses, moved))
+        _write(source, directory / source.path.name, followed(poses, moved))
 
     images = NodeImages(source, options.depth_scale or 1e-3, n_cameras=n_cameras)
     return Recording(
@@ -190,7 +190,7 @@ def _world_from_bases(
     warnings = []
     if optimised:
         for members in of_map.values():
-            poses |= _followed(
+            poses |= followed(
                 {node.number: node.odom_from_base for node in members},
                 {n.number: optimised[n.number] for n in members if n.number in optimised},
             )
@@ -209,22 +209,6 @@ def _world_from_bases(
         if node.number in cameras and node.number not in poses
     ]
     return poses, skipped, warnings
-
-
-def _followed(
-    old: dict[int, Float[np.ndarray, "4 4"]], new: dict[int, Float[np.ndarray, "4 4"]]
-) -> dict[int, Float[np.ndarray, "4 4"]]:
-    """All poses after some of them got new ones: each of the others keeps its place beside the last (else the
-    next) of those in the order of their numbers. Nothing where none is new."""
-    anchors = np.array(sorted(n for n in new if n in old and not is_lost(old[n])), dtype=int)
-    if not len(anchors):
-        return {}
-    result = {}
-    for number, pose in old.items():
-        anchor = int(anchors[max(0, np.searchsorted(anchors, number, side="right") - 1)])
-        moved = new[anchor] @ se3.inverse(old[anchor]) @ pose
-        result[number] = new.get(number, moved)
-    return result
 
 
 def _optimised(source: DatabaseSource) -> dict[int, Float[np.ndarray, "4 4"]]:
@@ -287,8 +271,8 @@ grids of the old poses are dropped.
 """,
     expects="a .db file of RTAB-Map with images and depth",
     checked=(
-        "RTAB-Map's CameraModel.cpp, Compression.cpp and schema "
-        "(github.com/introlab/rtabmap); a real database of 411 nodes, without images",
+        "RTAB-Map's CameraModel.cpp, Compression.cpp, DBDriverSqlite3.cpp (saveOptimizedPosesQuery) and "
+        "schema (github.com/introlab/rtabmap); a real database of 411 nodes, without images",
         "pose and calibration blobs, every code of depth, times, tables; its images were put "
         "in by the test",
     ),

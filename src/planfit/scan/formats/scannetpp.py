@@ -62,12 +62,14 @@ def _lens(listing: Listing[_PoseFile], frame: Frame, size: Size) -> Lens:
 
 
 def _write(refined: Refined[_PoseFile]) -> None:
+    """The JSON without the frames that were left out, which have no refined pose."""
     entries = refined.content.entries
+    rest = {name: one for name, one in refined.content.content.items() if name not in entries}
     posed = {
         frame.frame_id: {**entries[frame.frame_id], "aligned_pose": pose.tolist()}
         for frame, pose in zip(refined.frames, refined.poses, strict=True)
     }
-    text = json.dumps({**refined.content.content, **posed})
+    text = json.dumps({**rest, **posed})
     (refined.directory / NAME).write_text(text + "\n")
 
 
