@@ -322,7 +322,10 @@ def _help_entry(flag: Flag) -> list[str]:
         words += f" [on; --{flag.prefix}no-{own}]"
     text = textwrap.wrap(words, 79 - 24)
     if len(head) > 20:
-        return [f"  {head}", *(f"{'':24}{line}" for line in text)]
+        # Many choices take a second line.
+        listed = head if len(head) < 78 else head.replace(",", ", ")
+        heads = textwrap.wrap(listed, 77, subsequent_indent=" " * 6)
+        return [*(f"  {line}" for line in heads), *(f"{'':24}{line}" for line in text)]
     return [f"  {head:<22}{text[0]}", *(f"{'':24}{line}" for line in text[1:])]
 
 
