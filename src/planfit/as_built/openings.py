@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.priors import DOOR_LEAF_THICKNESS_M
+from planfit.units import in_units
 
 
 class OpeningVerdict(Enum):
@@ -166,15 +167,15 @@ def opening_words(opening: AsBuiltOpening) -> str:
         return "not seen"
     width = "its sides were not both seen"
     if np.isfinite(opening.width_m):
-        width = f"{opening.width_m:.2f} m wide (± {opening.width_sigma_m:.2f} m)"
+        width = f"{in_units(opening.width_m)} wide (± {in_units(opening.width_sigma_m)})"
     if verdict is OpeningVerdict.NEW:
         return (
             f"new: cameras look through wall that is drawn without an opening, {width} "
             f"({opening.n_through_frames} frames)"
         )
-    drawn = f"drawn {opening.drawn_width_m:.2f} m"
+    drawn = f"drawn {in_units(opening.drawn_width_m)}"
     if np.isfinite(opening.width_m):
-        drawn += f", middle shifted by {opening.shift_m:+.2f} m"
+        drawn += f", middle shifted by {in_units(opening.shift_m, '+.2f')}"
     return f"open: {width}, {drawn}"
 
 
@@ -186,8 +187,8 @@ def _closed_words(opening: AsBuiltOpening) -> str:
     if by is ClosedBy.DOOR:
         k = int(np.nanargmax(opening.set_back_m))
         return (
-            f"closed by a shut door: what is {seen}, stands {opening.set_back_m[k]:.2f} m "
-            f"(± {opening.set_back_sigmas_m[k]:.2f} m) back from the wall"
+            f"closed by a shut door: what is {seen}, stands {in_units(opening.set_back_m[k])} "
+            f"(± {in_units(opening.set_back_sigmas_m[k])}) back from the wall"
         )
     if by is ClosedBy.WALL:
         return f"walled up: what is {seen}, is flush with the wall on both sides"

@@ -13,6 +13,7 @@ from planfit.errors import require_positive
 from planfit.findings import direction_words
 from planfit.floorplan import Floorplan
 from planfit.runtime import short_repr
+from planfit.units import in_units
 
 
 class Verdict(Enum):
@@ -176,15 +177,17 @@ def in_words(wall: AsBuiltWall, verdict: Verdict) -> str:
     if verdict is Verdict.MOVED:
         sides = f"{'into the room' if wall.offset_m > 0 else 'into the wall'}, "
         return (
-            f"moved by {abs(wall.offset_m):.3f} m (± {wall.sigma_m:.3f} m) "
+            f"moved by {in_units(abs(wall.offset_m), '.3f')} (± {in_units(wall.sigma_m, '.3f')}) "
             f"{sides if wall.is_oriented else ''}{direction_words(wall.normal, wall.offset_m)}"
         )
     if verdict is Verdict.AGREES:
-        return f"agrees: off by {wall.offset_m:+.3f} m (± {wall.sigma_m:.3f} m)"
+        return (
+            f"agrees: off by {in_units(wall.offset_m, '+.3f')} (± {in_units(wall.sigma_m, '.3f')})"
+        )
     if verdict is Verdict.MISSING:
         return f"missing: cameras look through {wall.through_share:.0%} of its length"
     if verdict is Verdict.NEW:
-        return f"new: {wall.length_m:.2f} m that the plan does not draw"
+        return f"new: {in_units(wall.length_m)} that the plan does not draw"
     if wall.is_glass and wall.through_share > 0:
         return (
             f"not seen: glass, which cameras look through ({wall.through_share:.0%} of its length)"

@@ -30,6 +30,7 @@ from planfit.runtime import Runtime, write_whole
 from planfit.runtime.run_folder import ALIGNMENT, CANDIDATE, RunFolder, remove_alignment
 from planfit.saving import RunInputs
 from planfit.scan import ScanOptions, read_scan
+from planfit.units import told_in
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,7 @@ def align_command(arguments: AlignArguments) -> int:
     return 0 if alignment.is_sure and alignment.other_scale is None else 1
 
 
+@told_in("m")
 def to_record(floorplan: Floorplan, alignment: Alignment) -> dict[str, Any]:
     """An alignment as plain values; lengths in metres, angles in radians, in degrees where it says so."""
     return {

@@ -24,6 +24,7 @@ from planfit.cli.console import note, out
 from planfit.cli.parser import parse
 from planfit.cli.refine import RefineArguments
 from planfit.errors import OptionError, PlanfitError, require
+from planfit.units import in_units
 
 _OF_THE_BATCH = ("out", "overwrite", "workers", "cache", "plan")
 """Flags of refine that no job has an option for."""
@@ -196,7 +197,7 @@ def _tell(n: int, of: int, row: JobRow, state: State) -> None:
     """A line for a scan that ended."""
     words = f"[{n}/{of}] {row.job.name}: {row.result.value}"
     if row.predicted_m is not None:
-        words += f", predicted error {row.predicted_m:.3f} m"
+        words += f", predicted error {in_units(row.predicted_m, '.3f')}"
     if state.seconds is not None:
         words += f", {state.seconds:.0f} s"
     if row.result is not Result.REFINED and row.reason:

@@ -22,7 +22,7 @@ EXIT_CODES = (
     "0 done; 1 done, but with reservations, no better than before or not surely aligned; 2 bad input; "
     "130 stopped"
 )
-EVERYWHERE = "-q, --quiet; -v, --verbose; --log FILE"
+EVERYWHERE = "-q, --quiet; -v, --verbose; --log FILE; --units ft"
 HELP = ("-h", "--help", "--help-all")
 
 

@@ -36,6 +36,7 @@ from planfit.report.plots.scan_view import at_camera_height
 from planfit.runtime import Runtime, made_folder, write_whole
 from planfit.scan import Scan, calibrated_scan
 from planfit.segmentation import Structure
+from planfit.units import in_units, quantity, told_in
 
 
 @dataclass(frozen=True)
@@ -235,6 +236,7 @@ def compare_command(arguments: CompareArguments) -> int:
     return 0
 
 
+@told_in("m")
 def _record(name_a: str, pair: _Pair, comparison: Comparison) -> dict[str, Any]:
     """A comparison as plain values; null where a number could not be taken."""
     differences = comparison.differences
@@ -333,7 +335,7 @@ def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None)
     rows = [
         [
             f"{w.name}: {w.deciding.meaning}",
-            *(f"{v:.3g} {w.deciding.unit}" for v in (w.deciding.before, w.deciding.after)),
+            *(quantity(v, w.deciding.unit, ".3g") for v in (w.deciding.before, w.deciding.after)),
             {"a": "A", "b": "B", "neither": "-"}[w.prefers],
         ]
         for w in comparison.witnesses
@@ -342,7 +344,7 @@ def _tell(name_a: str, pair: _Pair, comparison: Comparison, folder: Path | None)
     rows = [
         [
             f"{local.stretch.first}-{local.stretch.last}",
-            f"{local.stretch.max_distance_m:.3f} m",
+            in_units(local.stretch.max_distance_m, ".3f"),
             f"{local.stretch.max_angle_deg:.1f} deg",
             *local_in_words(local),
         ]

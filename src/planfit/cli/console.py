@@ -17,6 +17,7 @@ from planfit.cli.speech import USUAL, Speech
 from planfit.errors import OutputError, printable
 from planfit.findings.finding import FEW_NAMED
 from planfit.scan import Scan, corrupt_frames
+from planfit.units import told_in
 
 _LOG_WIDTH = 160
 SHOWN_FROM_S = 0.05
@@ -82,7 +83,8 @@ def speaking_as(speech: Speech) -> Iterator[None]:
         for handler in handlers:
             logger.addHandler(handler)
     try:
-        yield
+        with told_in(speech.units):
+            yield
     finally:
         for console in (out, err):
             console.speech, console.copy = USUAL, None

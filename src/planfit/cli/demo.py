@@ -23,6 +23,7 @@ from planfit.report.key_metrics import TruthErrors
 from planfit.saving import RunInputs
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
+from planfit.units import in_units
 
 DEMO_SCAN = SynthOptions(
     camera=CameraOptions(width_px=480, height_px=360),
@@ -78,7 +79,10 @@ def demo_command(arguments: DemoArguments) -> int:
     )
     walked = float(np.linalg.norm(np.diff(true_world_from_cams[:, :3, 3], axis=0), axis=1).sum())
     rows = [
-        ["position error, RMS", f"{errors.before_rms_m:.3f} m", f"{errors.after_rms_m:.3f} m"],
+        [
+            "position error, RMS",
+            *(in_units(e, ".3f") for e in (errors.before_rms_m, errors.after_rms_m)),
+        ],
         *(
             [
                 metric.meaning.strip(),
@@ -89,7 +93,8 @@ def demo_command(arguments: DemoArguments) -> int:
         ),
     ]
     out.print()
-    title = f"{len(scan)} frames, {walked:.0f} m walked through a building with {len(floorplan)} wall faces"
+    title = f"{len(scan)} frames, {in_units(walked, '.0f')} walked through a building with "
+    title += f"{len(floorplan)} wall faces"
     out.print(table(title, ["", "before", "after"], rows))
     seconds = {"render scan": rendered - begin, **result.seconds_by_stage}
     stages = [[name, f"{value:.1f} s"] for name, value in seconds.items() if value > SHOWN_FROM_S]

@@ -38,6 +38,7 @@ from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_tum
 from planfit.segmentation import Structure, find_gravity, level_from_world, segment_scan
+from planfit.units import asked, in_units, quantity, told_in
 
 _FAR_CM = 30.0
 """A map this far from the true scan on average was not registered to it."""
@@ -82,7 +83,7 @@ class EvaluateArguments:
 
 def evaluate_command(arguments: EvaluateArguments) -> int:
     """Print every metric before and after."""
-    with StageBars() as bars:
+    with told_in("m" if arguments.json else asked()), StageBars() as bars:
         report = _evaluated(arguments, bars)
     if arguments.json:
         out.print_json(json.dumps(report, allow_nan=False))
@@ -280,14 +281,14 @@ def _notes(arguments: EvaluateArguments, evaluation: Evaluation) -> list[str]:
     notes, after = [], {name: metric.after for name, metric in evaluation.metrics.items()}
     ate, frame = after.get("ate_rms", 0.0), arguments.truth_frame
     if ate > _APART_M and after["ate_aligned_rms"] < 0.3 * ate:
-        words = f"most of the error of {ate:.3f} m is one rigid motion of the whole scan"
+        words = f"most of the error of {in_units(ate, '.3f')} is one rigid motion of the whole scan"
         if ate > _OTHER_FRAME_M:
             other = "plan" if frame == "world" else "world"
             words += f": is the truth in the {frame} frame? Try --truth-frame {other}"
         else:
             words += (
                 ", to where the plan or the scan's own axes say that it is; its shape is "
-                f"{after['ate_aligned_rms']:.3f} m from the truth (rigidly aligned)"
+                f"{in_units(after['ate_aligned_rms'], '.3f')} from the truth (rigidly aligned)"
             )
         notes.append(words)
     if after.get("nnd", 0.0) > _FAR_CM:
@@ -322,8 +323,8 @@ def _table(report: dict[str, Any]) -> Any:
     if report["compared"] is not None:
         title += f", {report['compared']} with a true pose, {report['truth_frame']} frame"
     if report["map"] is not None:
-        title += f"; map of {100 * report['map']['voxel_m']:g} cm voxels, radius "
-        title += f"{report['map']['radius_m']:g} m"
+        title += f"; map of {in_units(report['map']['voxel_m'], 'g', 'cm')} voxels, radius "
+        title += f"{in_units(report['map']['radius_m'], 'g')}"
     columns = ["lower is better", "before", "after", "difference"]
     return table(title, columns, rows)
 
@@ -332,4 +333,4 @@ def _amount(value: float | None, unit: str) -> str:
     if value is None:
         return "-"
     digits = 3 if unit in ("m", "") else 2
-    return f"{value:.{digits}f} {unit}".rstrip()
+    return quantity(value, unit, f".{digits}f")

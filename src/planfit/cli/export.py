@@ -29,6 +29,7 @@ from planfit.runtime import Runtime, whole_file
 from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, ScanOptions, read_scan
 from planfit.scan.views import write_cloud
+from planfit.units import told_in
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,7 @@ class ExportArguments:
     scan_options: Flat[ScanOptions] = field(default_factory=ScanOptions)
 
 
+@told_in("m")
 def export_command(arguments: ExportArguments) -> int:
     """Read, write, tell."""
     target = free_target(arguments.out, arguments.to)

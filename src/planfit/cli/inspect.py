@@ -20,6 +20,7 @@ from planfit.scan.statistics import (
     path_statistics,
 )
 from planfit.segmentation.gravity import Gravity, find_gravity
+from planfit.units import in_units
 
 
 @dataclass(frozen=True)
@@ -49,7 +50,9 @@ def inspect_command(arguments: InspectArguments) -> int:
     out.print(listing(_rows(scan, depth, path, gravity)))
     tell_scan(scan)
     if arguments.out is not None:
-        title = f"{Path(scan.name).name}: {len(scan)} frames, {path.length_m:.1f} m of path"
+        title = (
+            f"{Path(scan.name).name}: {len(scan)} frames, {in_units(path.length_m, '.1f')} of path"
+        )
         picture = draw_scan_view(
             title, scan.world_from_cams, depth.points_world, gravity.up_world, path.gaps, path.jumps
         )
@@ -66,7 +69,8 @@ def _rows(
     one = f"fx {focal[0]:.1f} px"
     many = f"fx {focal[0]:.1f} to {focal[-1]:.1f} px"
     up = ", ".join(f"{v + 0.0:.3f}" for v in gravity.up_world)
-    size = " x ".join(f"{v:.1f}" for v in path.extent_m)
+    *sides, height = path.extent_m
+    size = " x ".join([*(in_units(v, ".1f", "") for v in sides), in_units(height, ".1f")])
     rows = [
         ["format", scan.format],
         ["frames", f"{len(scan)}, {scan.frame_ids[0]} to {scan.frame_ids[-1]}"],
@@ -79,11 +83,16 @@ def _rows(
         ["colour", "yes" if scan.has_color else "none: the scan is depth alone"],
         [
             "depth",
-            f"{depth.near_m:.2f} to {depth.far_m:.2f} m, median {depth.median_m:.2f} m; "
-            f"{depth.coverage:.0%} of pixels, in {len(depth.frame_idx)} frames looked at",
+            f"{in_units(depth.near_m, unit='')} to {in_units(depth.far_m)}, median "
+            f"{in_units(depth.median_m)}; {depth.coverage:.0%} of pixels, in "
+            f"{len(depth.frame_idx)} frames looked at",
         ],
         ["poses", "as recorded: axes, a mount and units are judged by `planfit refine`"],
-        ["path", f"{path.length_m:.1f} m, in a box of {size} m; usual step {path.step_m:.3f} m"],
+        [
+            "path",
+            f"{in_units(path.length_m, '.1f')}, in a box of {size}; usual step "
+            f"{in_units(path.step_m, '.3f')}",
+        ],
         ["up axis", f"({up}) in the scan's world; {gravity.source}"],
         ["gaps", _places(scan, path.gaps)],
         ["jumps", _places(scan, path.jumps)],

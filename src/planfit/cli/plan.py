@@ -1,5 +1,6 @@
 """`planfit plan`: what is found in a plan, and the plan in another form."""
 
+from planfit.units import in_units, quantity
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -95,12 +96,17 @@ def summarise(floorplan: Floorplan) -> None:
     source = floorplan.source
     unit = "m" if floorplan.is_metric else "units of the drawing"
     width, depth = floorplan.size
+
+    def side(value: float, spec: str = ".3g") -> str:
+        """A number whose unit follows."""
+        return in_units(value, spec, "") if floorplan.is_metric else f"{value:{spec}}"
+
     oriented = f", {int(floorplan.is_oriented.sum())} with a known free side"
     rows = [
         ["kind", source.kind or "plan"],
         ["faces", f"{len(floorplan)}{oriented}"],
-        ["length of faces", f"{floorplan.lengths.sum():.4g} {unit}"],
-        ["size", f"{width:.4g} x {depth:.4g} {unit}"],
+        ["length of faces", quantity(floorplan.lengths.sum(), unit, ".4g")],
+        ["size", " x ".join([side(width, ".4g"), quantity(depth, unit, ".4g")])],
         ["unit of the file", source.unit + (f" ({source.unit_from})" if source.unit_from else "")],
     ]
     if not floorplan.is_metric:
@@ -109,19 +115,20 @@ def summarise(floorplan: Floorplan) -> None:
         )
     if floorplan.thickness is not None and np.isfinite(floorplan.thickness).any():
         low, middle, high = _thicknesses(floorplan)
-        rows.append(["thickness", f"{low:.3g} to {high:.3g}, median {middle:.3g} {unit}"])
+        rows.append(["thickness", f"{side(low)} to {side(high)}, median {quantity(middle, unit, '.3g')}"])
     if floorplan.openings is not None:
         kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
         gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
         rows.append(["openings", gaps])
     is_glass = are_glass(floorplan)
     if is_glass.any():
-        rows.append(["glass", f"{floorplan.lengths[is_glass].sum():.4g} {unit} of faces"])
+        rows.append(["glass", f"{quantity(floorplan.lengths[is_glass].sum(), unit, '.4g')} of faces"])
     columns = find_columns(floorplan).sizes
     if len(columns):
         low, high = columns.max(axis=1).min(), columns.max(axis=1).max()
-        span = f"{low:.3g}" if high < 1.01 * low else f"{low:.3g} to {high:.3g}"
-        rows.append(["columns", f"{len(columns)} that stand alone, {span} {unit} across"])
+        begin = "" if high < 1.01 * low else f"{side(low)} to "
+        span = begin + quantity(high if begin else low, unit, ".3g")
+        rows.append(["columns", f"{len(columns)} that stand alone, {span} across"])
     if source.map_words:
         rows.append(["on the map", source.map_words])
     if source.is_mirrored:

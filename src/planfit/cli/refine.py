@@ -31,6 +31,7 @@ from planfit.scan import Scan
 from planfit.scan.decoded_once import decoded_once
 from planfit.scan.joined import short_names
 from planfit.survey import RoleResiduals, Survey, SurveyResiduals
+from planfit.units import in_units, quantity
 
 AnyResult = TypeVar("AnyResult", RefineResult, TogetherResult)
 
@@ -278,7 +279,7 @@ def _tell_storeys(storeys: Storeys) -> None:
             if storey.own.shares_axes:
                 lies = ", its plan as drawn, in shared axes"
         out.print(
-            f"{storey.name}: floor at {storey.floor_m:.2f} m, frames {frame_ranges(storey.frames)}{lies}",
+            f"{storey.name}: floor at {in_units(storey.floor_m)}, frames {frame_ranges(storey.frames)}{lies}",
             soft_wrap=True,
         )
 
@@ -296,7 +297,7 @@ def tell_verdict(verdict: Verdict) -> None:
 
 
 def _amount(value: float, unit: str) -> str:
-    return f"{value:.0%}" if unit == "share" else f"{value:.3g} {unit}"
+    return f"{value:.0%}" if unit == "share" else quantity(value, unit, ".3g")
 
 
 def _tell_survey(survey: SurveyResiduals) -> None:
@@ -313,8 +314,11 @@ def _tell_survey(survey: SurveyResiduals) -> None:
 def _role_words(name: str, role: RoleResiduals) -> str:
     """Residuals in one line."""
     points = "point" if role.count == 1 else "points"
-    height = "" if role.rms_height_m is None else f", height {role.rms_height_m:.3f}"
+    height = (
+        "" if role.rms_height_m is None else f", height {in_units(role.rms_height_m, '.3f', '')}"
+    )
     return (
-        f"{role.count} {name} {points}: residual {role.rms_m:.3f} m RMS (horizontal "
-        f"{role.rms_horizontal_m:.3f}{height}), worst {role.worst_m:.3f} m at {role.worst_id}"
+        f"{role.count} {name} {points}: residual {in_units(role.rms_m, '.3f')} RMS (horizontal "
+        f"{in_units(role.rms_horizontal_m, '.3f', '')}{height}), worst "
+        f"{in_units(role.worst_m, '.3f')} at {role.worst_id}"
     )

@@ -1,4 +1,5 @@
-"""How much a command says, and where else: `-q`, `-v` and `--log FILE`, which every command takes.
+"""How much a command says, where else, and in which units: `-q`, `-v`, `--log FILE` and `--units`, which
+every command takes.
 
 Nothing heavy is imported here.
 """
@@ -11,17 +12,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TextIO
+from typing import TextIO, cast
 
 from planfit import __version__
 from planfit.errors import OptionError, printable
+from planfit.units import UNITS, Units
 
 FLAGS = {
     "--verbose": "Say more: seconds of each stage, steps of the solver, where errors come from. Short: `-v`.",
     "--quiet": "Say nothing but errors, and that a result is not to be used as it is. Short: `-q`.",
     "--log": "`--log FILE` also appends all that is said to FILE, with versions, times of stages, and where "
     "an error comes from.",
+    "--units": "`--units ft` tells lengths in feet and inches, on the screen and in the report. Files for "
+    "programs, coordinates and the rims of plots stay metric.",
 }
+_VALUES = {"--log": "a file", "--units": f"one of {', '.join(UNITS)}"}
+"""What stands behind those that take a value."""
 """By their long names, which `_ALIASES` shorten."""
 _ALIASES = {"-v": "--verbose", "-q": "--quiet"}
 NAMES = (*FLAGS, *_ALIASES)
@@ -37,6 +43,8 @@ class Speech:
     """Open file that gets all that is said."""
     command: str = ""
     """The command line as it was typed."""
+    units: Units = "m"
+    """That lengths are told in."""
 
     def error(self, words: str) -> None:
         """One line on stderr; where the error in progress comes from too, where that was asked for."""
@@ -56,7 +64,8 @@ def split_speech(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
     """Words of a command line without those of `FLAGS`, and the values of these by their long names.
 
     Raises:
-        OptionError: --log has no file behind it, another has a value, or both more and less are asked for.
+        OptionError: one has not the value behind it that it takes, another has one, or both more and less
+            are asked for.
     """
     rest, found = [], {}
     waiting = iter(words)
@@ -66,14 +75,21 @@ def split_speech(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
         if name not in FLAGS:
             rest.append(word)
             continue
-        if "=" in word and name != "--log":
+        if "=" in word and name not in _VALUES:
             raise OptionError(
                 f"{name}: expected no value behind it, found {value!r}; give {name} alone"
             )
-        if name == "--log" and not value:
+        if name in _VALUES and not value:
             value = next(waiting, "")
             if not value or value.startswith("-"):
-                raise OptionError("--log: expected a file behind it, found none; give --log FILE")
+                example = "--log FILE" if name == "--log" else "--units ft"
+                raise OptionError(
+                    f"{name}: expected {_VALUES[name]} behind it, found none; give {example}"
+                )
+        if name == "--units" and value not in UNITS:
+            raise OptionError(
+                f"--units: expected {_VALUES[name]}, found {value!r}; give --units ft"
+            )
         found[name] = value
     if "--verbose" in found and "--quiet" in found:
         raise OptionError("--quiet: expected it without --verbose, found both; leave one out")
@@ -92,9 +108,10 @@ def speaking(flags: dict[str, str], command: Sequence[str]) -> Iterator[Speech]:
         OSError: the log cannot be written.
     """
     is_verbose, is_quiet = "--verbose" in flags, "--quiet" in flags
+    units = cast(Units, flags.get("--units", "m"))
     typed = f"planfit {shlex.join(command)}"
     if "--log" not in flags:
-        yield Speech(is_verbose, is_quiet, command=typed)
+        yield Speech(is_verbose, is_quiet, None, typed, units)
         return
     with Path(flags["--log"]).open("a", encoding="utf-8", errors="backslashreplace") as log:
         begin = time.perf_counter()
@@ -102,7 +119,7 @@ def speaking(flags: dict[str, str], command: Sequence[str]) -> Iterator[Speech]:
         print(f"{now} planfit {__version__}: {typed}", file=log)
         print(f"Python {sys.version.split()[0]} on {sys.platform}", file=log, flush=True)
         try:
-            yield Speech(is_verbose, is_quiet, log, typed)
+            yield Speech(is_verbose, is_quiet, log, typed, units)
         except BaseException:
             traceback.print_exc(file=log)
             raise

@@ -11,6 +11,7 @@ from planfit.cli.console import StageBars, out
 from planfit.errors import OptionError, OutputError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.synth import SyntheticScan, SynthOptions, make_scan, write_facap
+from planfit.units import in_units
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,10 @@ def _tell(folder: Path, synthetic: SyntheticScan) -> None:
     walked = float(np.linalg.norm(np.diff(centres, axis=0), axis=1).sum())
     out.print(f"{len(synthetic.scan)} frames and their plan: {folder}")
     step = walked / (len(centres) - 1)
-    out.print(f"{walked:.0f} m walked, {step:.2f} m from frame to frame; {_visited(synthetic)}")
+    out.print(
+        f"{in_units(walked, '.0f')} walked, {in_units(step)} from frame to frame; "
+        f"{_visited(synthetic)}"
+    )
     plan = ""
     if len(synthetic.floorplans) > 1:
         plan = f" --plan {folder / 'plan_0.npy'}"

@@ -26,8 +26,10 @@ from planfit.pipeline.sensor import SensorParameter
 from planfit.scan import Scan, corrupt_frames
 from planfit.segmentation import NO_STOREY
 from planfit.tracking import ClockOffset, Tracking
+from planfit.units import told_in
 
 
+@told_in("m")
 def make_record(
     version: str,
     inputs: dict[str, str],

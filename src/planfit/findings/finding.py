@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from planfit.units import in_units
+
 Fact = float | str | bool | tuple[float, ...] | tuple[str, ...] | None
 """A number in the unit that its name ends in, a name, or several of either; None where it is not known."""
 
@@ -171,12 +173,27 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
+class _WithUnits(Formatter):
+    """Formats lengths whose template says so: `{off_m:.2f m}`, and `{low_m:.2f (m)}` where the next one has
+    the unit."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """One fact."""
+        if format_spec.endswith((" m", " (m)")):
+            spec, _, unit = format_spec.partition(" ")
+            return in_units(value, spec, unit if unit == "m" else "")
+        return super().format_field(value, format_spec)
+
+
+_FORMATTER = _WithUnits()
+
+
 def filled(words: _Words, facts: Mapping[str, Any]) -> str:
     """A sentence with its facts."""
     if isinstance(words, tuple):
         return "".join(filled(each, facts) for each in words)
     if isinstance(words, str):
-        return words.format_map(facts)
+        return _FORMATTER.vformat(words, (), facts)
     return words(**{name: facts.get(name) for name in _asked(words)})
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 
 from planfit.findings.finding import Kind, against, note, reservation, warning
+from planfit.units import in_units
 
 MAX_NAMED = 6
 """Points that a warning names."""
@@ -22,7 +23,7 @@ def _apart(
     scale = ""
     if abs(np.log(metres_per_unit / other_metres_per_unit)) > 1e-9:
         scale = f", scales {metres_per_unit:.4g} and {other_metres_per_unit:.4g} m a unit"
-    return f"{apart_m:.1f} m and {apart_deg:.0f} deg apart{scale}"
+    return f"{in_units(apart_m, '.1f')} and {apart_deg:.0f} deg apart{scale}"
 
 
 def _little_wall(wall_share: float, min_wall_share: float, is_plan_metric: bool) -> str:
@@ -35,16 +36,18 @@ def _little_wall(wall_share: float, min_wall_share: float, is_plan_metric: bool)
 
 def _centre_lines(offset_m: float) -> str:
     return (
-        f"scanned walls stand {offset_m:.2f} m in front of the plan's lines, on either side: they seem "
-        f"to be drawn by the centre lines of walls {2 * offset_m:.2f} m thick; positions are pulled by "
+        f"scanned walls stand {in_units(offset_m)} in front of the plan's lines, on either side: they seem "
+        f"to be drawn by the centre lines of walls {in_units(2 * offset_m)} thick; positions are pulled by "
         "up to that half thickness, and a plan with both faces of each wall gives better ones"
     )
 
 
 def _fitted_thickness(thickness_m: float, drawn_thickness_m: float) -> str:
-    what = f"strokes {drawn_thickness_m:.2f} m thick" if drawn_thickness_m > 0 else "single lines"
+    what = (
+        f"strokes {in_units(drawn_thickness_m)} thick" if drawn_thickness_m > 0 else "single lines"
+    )
     return (
-        f"the plan draws walls as {what}: the scan shows them to be {thickness_m:.2f} m thick in "
+        f"the plan draws walls as {what}: the scan shows them to be {in_units(thickness_m)} thick in "
         "the middle, half on either side of their lines, and each was taken to be as thick as it was seen; a "
         "plan with both faces of each wall gives better positions where only one side was seen"
     )
@@ -76,7 +79,7 @@ def _off_share(factor: float) -> float:
 
 
 WITHOUT_POINTS = (
-    "without them {wall_share_without:.0%} of the scanned wall lies on the plan, {apart_m:.2f} m and "
+    "without them {wall_share_without:.0%} of the scanned wall lies on the plan, {apart_m:.2f m} and "
     "{apart_deg:.0f} deg away from where they put the scan, and {wall_share_with:.0%} with them"
 )
 """Where the walls put a scan whose control points put it elsewhere."""
@@ -84,7 +87,7 @@ WITHOUT_POINTS = (
 
 def _points_off(points: tuple[str, ...], offs_m: tuple[float, ...]) -> str:
     named = [
-        f"{name} ({off_m:.2f} m off there)" for name, off_m in zip(points, offs_m, strict=True)
+        f"{name} ({in_units(off_m)} off there)" for name, off_m in zip(points, offs_m, strict=True)
     ]
     if len(named) > MAX_NAMED:
         named[MAX_NAMED:] = [f"{len(named) - MAX_NAMED} more"]
@@ -96,7 +99,7 @@ class PlanKind(Kind):
 
     NOT_ALIGNED = warning("the scan is not aligned with the plan: its own axes were kept, levelled")
     NOT_AS_RECORDED = warning(
-        "the scan's format says its poses are in the plan's axes, but the walls fit {apart_m:.1f} m and "
+        "the scan's format says its poses are in the plan's axes, but the walls fit {apart_m:.1f m} and "
         "{apart_deg:.0f} deg away from there; that alignment was taken"
     )
     PLAN_MIRRORED = warning(
@@ -136,7 +139,7 @@ class PlanKind(Kind):
     )
     PARTS_DISAGREE = warning(
         "weak: parts of the scan fit the plan at alignments that differ by {sigma_yaw_deg:.1f} deg, "
-        "{sigma_m:.2f} m and {sigma_scale_share:.1%} of scale; the scan is deformed, or shows too little "
+        "{sigma_m:.2f m} and {sigma_scale_share:.1%} of scale; the scan is deformed, or shows too little "
         "wall"
     )
     PART_OFF_PLAN = warning(
@@ -144,12 +147,12 @@ class PlanKind(Kind):
         "the plan; the scan is deformed there, or the plan shows other walls"
     )
     SCAN_DEFORMED = warning(
-        "weak: the walls fit the plan only when the scan is deformed by {deformation_m:.2f} m over "
-        "{extent_m:.0f} m; drift is left that no loop has closed"
+        "weak: the walls fit the plan only when the scan is deformed by {deformation_m:.2f m} over "
+        "{extent_m:.0f m}; drift is left that no loop has closed"
     )
     PLAN_SEEN_THROUGH = warning(
         "weak: the camera saw through {seen_through_share:.0%} of the plan's wall where it looked "
-        "({judged_m:.0f} m); is it the plan of this building and storey?"
+        "({judged_m:.0f m}); is it the plan of this building and storey?"
     )
     CENTRE_LINES = note(_centre_lines)
     CENTRE_LINES_OF_THICK_WALLS = warning(("weak: ", _centre_lines))
@@ -174,7 +177,7 @@ class PlanKind(Kind):
     POINTS_AGAINST_WALLS = warning(
         (f"the control points given disagree with the walls: {WITHOUT_POINTS}: ", _points_off)
     )
-    PLACE_OFF_BY_WALLS = warning("{off_m:.2f} m off where the walls put it: " + WITHOUT_POINTS)
+    PLACE_OFF_BY_WALLS = warning("{off_m:.2f m} off where the walls put it: " + WITHOUT_POINTS)
     EXTENTS_DIFFER = warning(
         "the paper's method needs a scan of the whole plan and of nothing else, but the extents of "
         "scan and plan have the ratios {x_ratio:.3g} and {y_ratio:.3g} along the plan's axes"
@@ -185,7 +188,7 @@ class PlanKind(Kind):
     )
     ROTATIONS_ALIKE = warning(
         "the paper's method takes the nearest of four rotations, but two are alike: mean distances "
-        "{distance_m:.2f} and {other_distance_m:.2f} m"
+        "{distance_m:.2f (m)} and {other_distance_m:.2f m}"
     )
     LITTLE_WALL_BY_PAPER = warning(
         "only {wall_share:.0%} of the scanned wall lies on the plan's faces (at least {min_wall_share:.0%} "

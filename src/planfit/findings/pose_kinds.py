@@ -82,17 +82,17 @@ class PoseKind(Kind):
         "believed less"
     )
     JUMP_CORRECTED = note(
-        "the recorded motion jumps by {recorded_m:.1f} m and {recorded_deg:.0f} degrees after frame {first}, "
-        "where the {witness} show a step of {corrected_m:.1f} m and {corrected_deg:.0f} degrees: corrected"
+        "the recorded motion jumps by {recorded_m:.1f m} and {recorded_deg:.0f} degrees after frame {first}, "
+        "where the {witness} show a step of {corrected_m:.1f m} and {corrected_deg:.0f} degrees: corrected"
     )
     FRAMES_DISPLACED = note(
-        "{which} {are} recorded {displacement_m:.1f} m and {displacement_deg:.0f} degrees away from where "
+        "{which} {are} recorded {displacement_m:.1f m} and {displacement_deg:.0f} degrees away from where "
         "the images show them: corrected"
     )
     POSE_STANDS_STILL = warning(
         (
             "the recorded pose stands still from frame {first} to {last}, where the images move by "
-            "{moved_m:.1f} m and {moved_deg:.0f} degrees: ",
+            "{moved_m:.1f m} and {moved_deg:.0f} degrees: ",
             _done,
         )
     )
@@ -106,13 +106,13 @@ class PoseKind(Kind):
     )
     ELSEWHERE_AFTER_LOST = warning(
         (
-            "after the lost {which} the tracker goes on {departure_m:.1f} m and {departure_deg:.0f} degrees "
+            "after the lost {which} the tracker goes on {departure_m:.1f m} and {departure_deg:.0f} degrees "
             "away from where it should: the frames from {next_frame} on are ",
             _done,
         )
     )
     PLACED_BY_REVISITS = note(
-        "after frame {first}, where tracking was lost, the walk goes on {step_m:.1f} m and {step_deg:.0f} "
+        "after frame {first}, where tracking was lost, the walk goes on {step_m:.1f m} and {step_deg:.0f} "
         "degrees further: placed by {revisit_count} revisits"
     )
     REVISITS_CONTRADICT_MOTION = warning(

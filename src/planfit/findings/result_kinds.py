@@ -3,6 +3,7 @@
 import numpy as np
 
 from planfit.findings.finding import Kind, against, direction_words, note, reservation, warning
+from planfit.units import in_units
 
 MAX_MOVED, MAX_RIVALS = 5, 3
 """Moved walls that a warning names, and that a reservation does."""
@@ -16,7 +17,7 @@ def _moved_wall(
 ) -> str:
     (x1, y1), (x2, y2) = from_xy_m, to_xy_m
     way = direction_words(np.array(normal), offset_m)
-    return f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {abs(offset_m):.2f} m {way}"
+    return f"the wall at ({x1:.1f}, {y1:.1f})-({x2:.1f}, {y2:.1f}): {in_units(abs(offset_m))} {way}"
 
 
 def _moved_walls(parts: tuple[str, ...]) -> str:
@@ -96,8 +97,8 @@ class ResultKind(Kind):
     NOTHING_HOLDS_YAW = warning(("nothing holds the yaw of ", _who, ": it keeps the one it had"))
     MORE_HELD_WEAKLY = warning("{piece_count} more pieces of the scan are held as weakly")
     STEP_CHANGED = warning(
-        "the step from frame {first} to {last} was changed from {recorded_m:.2f} m as recorded to "
-        "{solved_m:.2f} m ({sigmas:.0f} sigmas): tracking may have failed there, or matches or walls were "
+        "the step from frame {first} to {last} was changed from {recorded_m:.2f m} as recorded to "
+        "{solved_m:.2f m} ({sigmas:.0f} sigmas): tracking may have failed there, or matches or walls were "
         "mistaken",
         "look at these frames",
     )
@@ -113,15 +114,15 @@ class ResultKind(Kind):
         "frames {frames} stand on {storey}: they are held by matches, recorded motion and floor alone"
     )
     CAMERAS_MOVED = note(
-        "cameras were moved by {moved_rms_m:.2f} m and are predicted to be within about "
-        "{predicted_rms_m:.2f} m (both RMS)"
+        "cameras were moved by {moved_rms_m:.2f m} and are predicted to be within about "
+        "{predicted_rms_m:.2f m} (both RMS)"
     )
     ERROR_EXPECTED = note(
-        "expected position error {predicted_rms_m:.2f} m, worst {worst_m:.2f} m at frame {first}; "
-        "{within_share:.0%} of the frames are expected to be within {tolerance_m:g} m"
+        "expected position error {predicted_rms_m:.2f m}, worst {worst_m:.2f m} at frame {first}; "
+        "{within_share:.0%} of the frames are expected to be within {tolerance_m:g m}"
     )
     REVISITS_AGREE = note(
-        "places seen again agree to {after_m:.3f} m in solves that did without them ({before_m:.3f} m "
+        "places seen again agree to {after_m:.3f m} in solves that did without them ({before_m:.3f m} "
         "before)"
     )
     WALLS_ON_PLAN = note(
@@ -139,16 +140,16 @@ class ResultKind(Kind):
     )
     PLACE_NOT_CERTAIN = against(("the place on the plan is not certain: ", lambda parts: parts[0]))
     REVISITS_CAME_APART = against(
-        "places seen again came apart, from {before_m:.3f} to {after_m:.3f} m, in solves that did without "
-        "them"
+        "places seen again came apart, from {before_m:.3f (m)} to {after_m:.3f m}, in solves that did "
+        "without them"
     )
     WALLS_LEFT_PLAN = against(
         "walls left the plan, from {before_share:.0%} to {after_share:.0%} on it, in solves that did without "
         "them"
     )
     ERROR_TOO_LARGE = against(
-        "the predicted error, {predicted_rms_m:.2f} m, is too large a part of what was corrected, "
-        "{moved_rms_m:.2f} m"
+        "the predicted error, {predicted_rms_m:.2f m}, is too large a part of what was corrected, "
+        "{moved_rms_m:.2f m}"
     )
     FRAMES_WITHOUT_PLACE = reservation(
         "frames {frames} have no place: tracking was lost there, neighbouring images do not match, and no "
@@ -157,7 +158,7 @@ class ResultKind(Kind):
     )
     PATH_TORN = reservation(
         "the path is torn at frames {frames}: the result departs from the recorded motion by up to "
-        "{departure_m:.1f} m and {departure_deg:.0f} deg in one step",
+        "{departure_m:.1f m} and {departure_deg:.0f} deg in one step",
         "look at those frames: either the tracker jumped there, or places were confused",
     )
     WALK_LEAPS = reservation(
@@ -167,7 +168,7 @@ class ResultKind(Kind):
     )
     FITS_ELSEWHERE = reservation(
         (
-            "the scan fits the plan about as well with its frames {rival_rms_m:.2f} m (RMS) elsewhere",
+            "the scan fits the plan about as well with its frames {rival_rms_m:.2f m} (RMS) elsewhere",
             _taken_for_moved,
         ),
         _check_of_rivals,
@@ -176,8 +177,8 @@ class ResultKind(Kind):
         (
             "frames {frames} are not fixed",
             _along,
-            ": they may be off by {predicted_m:.2f} m (RMS), {within_share:.0%} of them are expected to be "
-            "within {tolerance_m:g} m",
+            ": they may be off by {predicted_m:.2f m} (RMS), {within_share:.0%} of them are expected to be "
+            "within {tolerance_m:g m}",
         ),
         "scan that part again with places that were seen before and walls of both directions in view, or "
         "give control points there",
@@ -189,7 +190,7 @@ class ResultKind(Kind):
     )
     REVISITS_CONTRADICT_RESULT = reservation(
         "of {revisit_count} times that a place is seen again, {contradicted_count} contradict the result, by "
-        "{distance_m:.1f} m: frames {frames}",
+        "{distance_m:.1f m}: frames {frames}",
         "look whether these frames show the same place; places that look alike are confused",
     )
     PLAN_STRAINS_TERM = reservation(
@@ -207,7 +208,7 @@ class ResultKind(Kind):
         "give wall masks, or scan more of the walls",
     )
     ALL_MAY_BE_OFF = reservation(
-        "all frames may be off by {predicted_rms_m:.2f} m (RMS): {within_share:.0%} of them are expected to "
-        "be within {tolerance_m:g} m",
+        "all frames may be off by {predicted_rms_m:.2f m} (RMS): {within_share:.0%} of them are expected to "
+        "be within {tolerance_m:g m}",
         "scan again so that the walk comes back to places seen before",
     )

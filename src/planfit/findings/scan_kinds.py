@@ -2,13 +2,14 @@
 
 from planfit.findings.finding import Kind, note, warning
 from planfit.priors import VIEW_DISTANCE_M
+from planfit.units import in_units
 
 FAR_M = VIEW_DISTANCE_M.value
 """Distance at which the quadratic part of depth is told in metres."""
 
 
 def _drifted_floor(floors_m: tuple[float, ...]) -> str:
-    heights = " and ".join(f"{height:+.1f} m" for height in floors_m)
+    heights = " and ".join(in_units(height, "+.1f") for height in floors_m)
     return (
         f"the recorded poses drift in height: the floor was recorded at {heights} as well, and matches "
         "and motion show that it is the same"
@@ -16,7 +17,7 @@ def _drifted_floor(floors_m: tuple[float, ...]) -> str:
 
 
 def _floor_pieces(heights_m: tuple[float, ...], slopes: tuple[float, ...]) -> str:
-    higher = [f"{height:+.2f} m" for height in heights_m[1:]]
+    higher = [in_units(height, "+.2f") for height in heights_m[1:]]
     sloped = [f"{slope:.1%}" for slope in slopes if slope]
     levels = [f"has pieces at {' and '.join(higher)}"] if higher else []
     falls = [f"slopes by {' and '.join(sloped)}"] if sloped else []
@@ -41,7 +42,7 @@ def _torn_revisit(runs: tuple[tuple[int, int], ...], recorded_m: float, solved_m
     )
     return (
         f"{one} and {other} look alike but cannot be the same place: using them would change a "
-        f"recorded step of {recorded_m:.2f} m to {solved_m:.2f} m; they were left out"
+        f"recorded step of {in_units(recorded_m)} to {in_units(solved_m)}; they were left out"
     )
 
 
@@ -56,13 +57,13 @@ def _correction(parameter: str, departure: float, found: float, sigma: float) ->
             )
         case "depth_offset_m":
             return (
-                f"depth was measured {abs(off):.3f} m too {too} at every distance: corrected by "
-                f"{off:+.3f} +- {sigma:.3f} m"
+                f"depth was measured {in_units(abs(off), '.3f')} too {too} at every distance: corrected by "
+                f"{in_units(off, '+.3f', '')} +- {in_units(sigma, '.3f')}"
             )
         case "depth_quadratic_per_m":
             return (
-                f"depth was measured too {too} by its square, {abs(off) * FAR_M**2:.3f} m at {FAR_M:g} m: "
-                f"corrected by {off:+.4f} +- {sigma:.4f} times its square (1/m)"
+                f"depth was measured too {too} by its square, {in_units(abs(off) * FAR_M**2, '.3f')} at "
+                f"{in_units(FAR_M, 'g')}: corrected by {off:+.4f} +- {sigma:.4f} times its square (1/m)"
             )
         case "focal_scale" | "focal_aspect":
             which = "" if parameter == "focal_scale" else " in y"
@@ -83,8 +84,8 @@ def _request(parameter: str, unit: str, departure: float) -> str:
     off = abs(departure)
     much = {
         "": f"{off:.1%}",
-        "m": f"{off:.2f} m",
-        "1/m": f"{off * FAR_M**2:.2f} m at {FAR_M:g} m",
+        "m": in_units(off),
+        "1/m": f"{in_units(off * FAR_M**2)} at {in_units(FAR_M, 'g')}",
         "px": f"{off:.0f} px",
     }[unit]
     what = {

@@ -35,18 +35,18 @@ class SurveyKind(Kind):
         "check their ids",
     )
     POINT_CONTRADICTED = warning(
-        "control point {point!r} contradicts the other evidence, which without it puts it {left_out_m:.2f} m "
-        "from where it was surveyed ({left_out_sigmas:.0f} sigmas); it ends {residual_m:.2f} m off",
+        "control point {point!r} contradicts the other evidence, which without it puts it {left_out_m:.2f m} "
+        "from where it was surveyed ({left_out_sigmas:.0f} sigmas); it ends {residual_m:.2f m} off",
         "check its coordinates and marks, or leave it out",
     )
     POINT_OFF = warning(
-        "control point {point!r} ends {residual_m:.2f} m from where it was surveyed, against a sigma of "
-        "{sigma_m:.3f} m: it contradicts the other evidence",
+        "control point {point!r} ends {residual_m:.2f m} from where it was surveyed, against a sigma of "
+        "{sigma_m:.3f m}: it contradicts the other evidence",
         "check its coordinates and marks",
     )
     CHECK_POINTS_OFF = warning(
-        "check points are off by {rms_m:.2f} m (RMS), more than the predicted error of "
-        "{predicted_rms_m:.2f} m",
+        "check points are off by {rms_m:.2f m} (RMS), more than the predicted error of "
+        "{predicted_rms_m:.2f m}",
         "believe the check points, and see which are off in the report",
         joint=": ",
     )
@@ -60,23 +60,23 @@ class SurveyKind(Kind):
         "their images do not match", "pick a point that both show, as pixels"
     )
     PICKED_POINTS_APART = warning(
-        "by what their images match, the picked points are {gap_m:.2f} m apart"
+        "by what their images match, the picked points are {gap_m:.2f m} apart"
     )
     CORRECTION_ENDS_OFF = warning(
         (
-            "ends {residual_m:.2f} m off, where {allowed_m:g} m is allowed: ",
+            "ends {residual_m:.2f m} off, where {allowed_m:g m} is allowed: ",
             lambda is_place: "walls or other places" if is_place else "other loops or walls",
             " hold against it",
         )
     )
     LOOP_BENDS_MOTION = warning(
-        "{off_m:.2f} m off where all else puts it, and without it the recorded motion of frames "
-        "{first}-{last} fits better by {better_m:.2f} m"
+        "{off_m:.2f m} off where all else puts it, and without it the recorded motion of frames "
+        "{first}-{last} fits better by {better_m:.2f m}"
     )
-    PLACE_OFF_BY_WALLS_ALONE = warning(("{off_m:.2f} m off where the walls put it", _hint))
-    PLACE_OFF_BY_OTHERS = warning(("{off_m:.2f} m off where the other places put it", _hint))
+    PLACE_OFF_BY_WALLS_ALONE = warning(("{off_m:.2f m} off where the walls put it", _hint))
+    PLACE_OFF_BY_OTHERS = warning(("{off_m:.2f m} off where the other places put it", _hint))
     TWO_POINTS_APART = warning(
-        "the two are {scan_m:.2f} m apart in the scan and {plan_m:.2f} m on the plan"
+        "the two are {scan_m:.2f m} apart in the scan and {plan_m:.2f m} on the plan"
     )
     POINTS_AGREE_MIRRORED = warning("with left and right swapped they agree: is the plan mirrored?")
     POINTS_AGREE_SCALED = warning(

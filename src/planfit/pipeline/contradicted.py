@@ -26,6 +26,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.places_and_walls import placed_by_walls
 from planfit.pipeline.prepare import PreparedScan
 from planfit.priors import DRIFT_SHARE
+from planfit.units import in_units
 
 STRAIN_SHARE = DRIFT_SHARE.value
 """A loop that bends a stretch of the recorded motion by more than this share of its length, and by
@@ -59,7 +60,7 @@ class CorrectionOutcome:
         """For a user, without a full stop."""
         if self.residual_m is None:
             return self.correction.words
-        return f"{self.correction.words}; {self.residual_m:.2f} m apart in the result"
+        return f"{self.correction.words}; {in_units(self.residual_m)} apart in the result"
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, FoldedSolves, without_fold
+from planfit.units import in_units
 
 SUSPECT_FACTOR = 4.0
 """What the rest puts this many times further off than the typical one of its kind is suspect,"""
@@ -88,12 +89,12 @@ class Disagreement:
     def sentence(self) -> str:
         """For a user, without a full stop."""
         words = (
-            f"{self.item.words}: {self.after_m:.2f} m off in the result, {self.kept_out_m:.2f} m "
+            f"{self.item.words}: {in_units(self.after_m)} off in the result, {in_units(self.kept_out_m)} "
             "where the rest puts it"
         )
         if not self.eased:
             return f"{words}; nothing else fits better without it"
-        better = " and ".join(f"{each.item.words} by {each.by_m:.2f} m" for each in self.eased)
+        better = " and ".join(f"{each.item.words} by {in_units(each.by_m)}" for each in self.eased)
         return f"{words}; without it fit better: {better}"
 
 

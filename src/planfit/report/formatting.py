@@ -2,18 +2,21 @@
 
 import math
 
+from planfit import units
+from planfit.units import in_units
+
 SPACE = "\u00a0"
 MINUS = "\u2212"
 NOTHING = 1e-9
 """What is smaller is 0 up to rounding."""
 
 
-def length(value: float | None) -> str:
-    """Metres, to the millimetre below one metre: `0.073 m`."""
+def length(value: float | None, spec: str = "") -> str:
+    """Metres, to the millimetre below one metre, `0.073 m`, or as the format says; feet where asked for."""
     if value is None or not math.isfinite(value):
         return "n/a"
-    digits = 3 if abs(value) < 1 else 2
-    return f"{value:.{digits}f}{SPACE}m".replace("-", MINUS)
+    spec = spec or (".3f" if abs(value) < 1 else ".2f")
+    return in_units(value, spec, "m", SPACE).replace("-", MINUS)
 
 
 def share(value: float | None) -> str:
@@ -33,16 +36,16 @@ def quantity(value: float | None, unit: str) -> str:
         return share(value)
     if unit == "m":
         return length(value)
-    return "n/a" if value is None else f"{value:.3g}{SPACE}{unit}"
+    return "n/a" if value is None else units.quantity(value, unit, ".3g", SPACE)
 
 
 def centimetres(value: float, signed: bool = False) -> str:
-    """Metres as centimetres, one decimal: `+2.3 cm`."""
+    """Metres as centimetres, one decimal: `+2.3 cm`; inches where feet are asked for."""
     if not math.isfinite(value):
         return "n/a"
-    rounded = round(100 * value, 1) + 0.0  # + 0.0: no "-0.0"
-    text = f"{rounded:+.1f}" if signed and rounded else f"{rounded:.1f}"
-    return f"{text}{SPACE}cm".replace("-", MINUS)
+    shown = value if round(100 * value, 1) else 0.0  # no "-0.0"
+    spec = "+.1f" if signed and shown else ".1f"
+    return in_units(shown, spec, "cm", SPACE).replace("-", MINUS)
 
 
 def change(before: float | None, after: float | None, unit: str) -> str:

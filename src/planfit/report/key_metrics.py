@@ -11,6 +11,7 @@ from planfit.pipeline.validation import Check
 from planfit.pipeline.verdict import Verdict
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter
+from planfit.units import in_units
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ _CHECKS = {
     ),
     "share": (
         "Wall points on the plan",
-        f"share of scanned wall points within {NEAR_FACE_M:.2f} m of a drawn wall",
+        "share of scanned wall points within {near} of a drawn wall",
     ),
 }
 
@@ -134,4 +135,5 @@ def reasons_in_words(verdict: Verdict, truth: TruthErrors | None = None) -> str:
 
 
 def _words(check: Check) -> tuple[str, str]:
-    return _CHECKS.get(check.unit, (check.name, ""))
+    name, meaning = _CHECKS.get(check.unit, (check.name, ""))
+    return name, meaning.format(near=in_units(NEAR_FACE_M))

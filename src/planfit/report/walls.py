@@ -11,6 +11,7 @@ from planfit.as_built import AsBuilt
 from planfit.floorplan import Floorplan
 from planfit.priors import WALL_SPREAD_M
 from planfit.report import formatting
+from planfit.units import in_units
 
 AGREES_WITHIN_M = WALL_SPREAD_M.value
 FEW_PATCHES = MIN_PATCHES
@@ -51,7 +52,7 @@ class SeenFace:
     def verdict(self) -> str:
         """In words."""
         if self.agrees:
-            words = f"agrees within {100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm"
+            words = "agrees within " + in_units(AGREES_WITHIN_M, ".0f", "cm", formatting.SPACE)
         else:
             words = f"moved by {formatting.centimetres(abs(self.offset))}"
             if self.is_oriented:

@@ -23,6 +23,7 @@ from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
+from planfit.units import in_units
 
 _SAME_POINT_SHARE = 0.05
 """A point of the cloud is the one that its pixel shows where both are as near to each other, as a share of
@@ -62,7 +63,7 @@ class PickedPoints:
         if not apart <= _SAME_POINT_SHARE * away:
             raise OptionError(
                 f"frame {frame}: expected a point on something flat, found the edge of something "
-                f"{apart:.2f} m before or behind it; press another point"
+                f"{in_units(apart)} before or behind it; press another point"
             )
         return {"pixel": [float(u), float(v)]}
 

@@ -31,6 +31,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
+from planfit.units import in_units
 from planfit.viewer.points import NOTE, PickedPoints, is_dragged, metres_per_unit, to_drag
 
 FILE = "corrections.toml"
@@ -340,7 +341,7 @@ _OF_SCAN = ("add_loop", "delete_loop", "exclude_frames")
 
 
 def _metres(value: object) -> str:
-    return f"{value:.3f} m" if isinstance(value, int | float) else "none"
+    return in_units(value, ".3f") if isinstance(value, int | float) else "none"
 
 
 _NUMBERS: dict[str, Callable[[dict[str, Any]], str]] = {

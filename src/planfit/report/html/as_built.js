@@ -4,7 +4,7 @@ for (const section of document.querySelectorAll("section.as-built")) {
   const rows = [...section.querySelectorAll("tbody tr")];
   const words = ["agrees", "moved", "missing", "not seen", "new"];
   const judge = () => {
-    const tolerance = Number(input.value);
+    const tolerance = Number(input.value) * Number(input.dataset.metres);
     if (input.value === "" || !(tolerance >= 0)) return;
     const verdicts = new Map();
     for (const one of section.querySelectorAll("[data-offset]")) {
@@ -12,8 +12,8 @@ for (const section of document.querySelectorAll("section.as-built")) {
       const off = Math.abs(Number(offset));
       const verdict = off > tolerance ? "moved" : "agrees";
       const unsure = Math.abs(off - tolerance) <= Number(input.dataset.sure) * Number(sigma);
-      const signed = `${Number(offset) < 0 ? "-" : "+"}${off.toFixed(3)}`;
-      verdicts.set(face, { verdict, words: `${verdict}: off by ${signed} m (± ${Number(sigma).toFixed(3)} m)` });
+      const signed = `${Number(offset) < 0 ? "-" : "+"}${inUnits(off, 3)}`;
+      verdicts.set(face, { verdict, words: `${verdict}: off by ${signed} (± ${inUnits(Number(sigma), 3)})` });
       one.classList.toggle("as-built-moved", verdict === "moved");
       one.classList.toggle("as-built-agrees", verdict === "agrees");
       if (one.tagName !== "TR") continue;

@@ -26,6 +26,7 @@ from planfit.report.html.tables import Cell, color_keys, sortable_table
 from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace
+from planfit.units import INCH_M, asked, in_units
 
 Drawn = TypeVar("Drawn", AsBuiltWall, AsBuiltOpening)
 COLORS = {
@@ -49,6 +50,7 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
         faces: that the fit used, numbered as the walls are; those too short for a verdict are listed too.
     """
     options = as_built.options
+    unit, unit_m, step = ("in", INCH_M, 0.125) if asked() == "ft" else ("m", 1.0, 0.005)
     # Walls of a campus that the scan does not come near are in the exports, not on the page.
     shown = _shown(as_built.walls, crop)
     keys = color_keys((color, verdict.value) for verdict, color in COLORS.items())
@@ -58,13 +60,16 @@ def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = 
     return f"""<section class="as-built"><h3>As built against as planned</h3>
 <p>Every face of the plan half a metre long or more: it agrees, was moved (its offset, positive into the
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
-it should be), or was not seen; and walls that the plan does not draw. At {options.tolerance_m:g} m, {n_walls}
+it should be), or was not seen; and walls that the plan does not draw.
+At {in_units(options.tolerance_m, "g")}, {n_walls}
 {"wall is" if n_walls == 1 else "walls are"} not as planned, both faces of a wall counted as one; a verdict in
 italics is not sure: the tolerance lies within {SURE_SIGMAS:g} standard deviations of the offset.
 Short bars are doors, windows and passages, listed below.
 <code>planfit export RUN --to as-built</code> writes all this as CSV, GeoJSON, DXF and BCF.</p>
-<p class="as-built-tools"><label>tolerance <input class="as-built-tolerance" type="number" min="0" max="1"
-step="0.005" value="{options.tolerance_m:g}" data-sure="{SURE_SIGMAS:g}"> m:</label>
+<p class="as-built-tools"><label>tolerance <input class="as-built-tolerance" type="number" min="0"
+max="{1 / unit_m:.3g}" step="{step:g}"
+value="{round(options.tolerance_m / unit_m, 3):g}" data-metres="{unit_m:g}"
+data-sure="{SURE_SIGMAS:g}"> {unit}:</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
 {_table(as_built, shown, faces)}</section>
@@ -129,7 +134,7 @@ def _number(number: int, face_idx: int) -> Cell:
 
 
 def _length(value_m: float) -> Cell:
-    return Cell(f"{value_m:.2f}{formatting.SPACE}m", value_m)
+    return Cell(formatting.length(value_m, ".2f"), value_m)
 
 
 def _centimetres(value_m: float, is_known: bool = True, signed: bool = False) -> Cell:

@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from planfit import __version__
+from planfit import __version__, units
 from planfit.evaluation import NEAR_FACE_M, Comparison, LocalEvidence, Metric, Witness, wall_points
 from planfit.report import formatting
 from planfit.report.html.page import page_of
@@ -59,13 +59,13 @@ def witness_in_words(witness: Witness) -> str:
         return both(text, lambda v: formatting.length(v / 100), " apart")
     if witness.name == "plan":
         text = f"{who} fits the plan better" if side != "neither" else "both fit the plan alike"
-        end = f" of the wall within {NEAR_FACE_M:.2f}{formatting.SPACE}m"
+        end = f" of the wall within {formatting.length(NEAR_FACE_M, '.2f')}"
         return both(text, lambda v: formatting.share(1 - v / 100), end)
     if witness.name == "map":
         text = f"{who}'s map is sharper" if side != "neither" else "the maps are equally sharp"
         unit = metric.unit.replace("cm^2", "cm²")
         end = f" of {metric.meaning}"
-        return both(text, lambda v: f"{v:.3g}{formatting.SPACE}{unit}", end)
+        return both(text, lambda v: units.quantity(v, unit, ".3g", formatting.SPACE), end)
     text = f"in {who} fewer views contradict each other"
     if side == "neither":
         text = "views contradict each other as often"
@@ -269,5 +269,5 @@ def _views(comparison: Comparison, cloud: CloudXY | None) -> tuple[SideView, Sid
 
 def _amount(value: float, unit: str, signed: bool = False) -> str:
     sign = "+" if signed and value > 0 else ""
-    text = f"{sign}{value:.3g}{formatting.SPACE}{_UNITS.get(unit, unit)}".rstrip()
+    text = sign + units.quantity(value, _UNITS.get(unit, unit), ".3g", formatting.SPACE).rstrip()
     return text.replace("-", formatting.MINUS)

@@ -20,6 +20,7 @@ from planfit.report.html.tables import captioned, plural, table
 from planfit.report.key_metrics import TruthErrors
 from planfit.report.plots import charts
 from planfit.survey import PointResidual, RoleResiduals, SurveyResiduals
+from planfit.units import bare, column
 
 
 def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
@@ -119,10 +120,11 @@ def registration_section(registration: Registration) -> str:
     if registration.stated_95_m is not None:
         by_checks = ""
         if registration.checked_95_m is not None:
-            by_checks = f", by check points {registration.checked_95_m:.3f}{SPACE}m"
+            by_checks = f", by check points {length(registration.checked_95_m, '.3f')}"
         stated = (
-            f"<strong>Accuracy at 95{SPACE}%: {registration.stated_95_m:.3f}{SPACE}m, USIBD "
-            f"{registration.loa}</strong> (predicted {registration.predicted_95_m:.3f}{SPACE}m{by_checks})."
+            f"<strong>Accuracy at 95{SPACE}%: {length(registration.stated_95_m, '.3f')}, USIBD "
+            f"{registration.loa}</strong> (predicted "
+            f"{length(registration.predicted_95_m, '.3f')}{by_checks})."
         )
     basis = registration.basis[0].upper() + registration.basis[1:]
     return (
@@ -246,16 +248,14 @@ def survey_section(survey: SurveyResiduals | None) -> str:
     )
     datum = ""
     if survey.height_datum_m is not None:
-        datum = (
-            f" The floor was found at {survey.height_datum_m:.3f}{SPACE}m of the survey's heights."
-        )
+        datum = f" The floor was found at {length(survey.height_datum_m, '.3f')} of the survey's heights."
     unseen = ""
     if survey.unseen:
         unseen = f"<p>Seen in no frame: {escape(', '.join(survey.unseen))}.</p>"
-    heads = ("", "points", "RMS, m", "horizontal, m", "height, m", "worst, m", "at")
+    heads = ("", "points", *map(column, ("RMS", "horizontal", "height", "worst")), "at")
     of_points = (
-        "point", "role", "marks", "dx, m", "dy, m", "dz, m", "length, m", "sigma, m", "left out, m",
-        "its sigma, m", "sigmas",
+        "point", "role", "marks",
+        *map(column, ("dx", "dy", "dz", "length", "sigma", "left out", "its sigma")), "sigmas",
     )  # fmt: skip
     each = table(of_points, [_point_row(point) for point in survey.points], "wwnnnnnnnnn")
     return (
@@ -268,27 +268,27 @@ def survey_section(survey: SurveyResiduals | None) -> str:
 
 
 def _role_row(name: str, role: RoleResiduals) -> tuple[str, ...]:
-    height = "" if role.rms_height_m is None else f"{role.rms_height_m:.3f}"
+    height = "" if role.rms_height_m is None else bare(role.rms_height_m)
     return (
         name,
         str(role.count),
-        f"{role.rms_m:.3f}",
-        f"{role.rms_horizontal_m:.3f}",
+        bare(role.rms_m),
+        bare(role.rms_horizontal_m),
         height,
-        f"{role.worst_m:.3f}",
+        bare(role.worst_m),
         escape(role.worst_id),
     )
 
 
 def _point_row(point: PointResidual) -> tuple[str, ...]:
     role = "check" if point.is_check else "control"
-    by_axis = (f"{v:.3f}" if np.isfinite(v) else "" for v in point.residual_m)
-    lengths = (f"{point.length_m:.3f}", f"{point.sigma_m:.3f}")
+    by_axis = (bare(v) if np.isfinite(v) else "" for v in point.residual_m)
+    lengths = (bare(point.length_m), bare(point.sigma_m))
     left_out = ("", "", "")
     if point.left_out_m is not None:
         told = (point.left_out_length_m, point.left_out_sigma_m)
         sigmas = f"{point.left_out_sigmas:.1f}" if np.isfinite(point.left_out_sigmas) else ""
         if point.is_contradicted:
             sigmas = f'<span class="worse">{sigmas}</span>'
-        left_out = (*(f"{v:.3f}" if np.isfinite(v) else "" for v in told), sigmas)
+        left_out = (*(bare(v) if np.isfinite(v) else "" for v in told), sigmas)
     return (escape(point.id), role, str(point.n_marks), *by_axis, *lengths, *left_out)

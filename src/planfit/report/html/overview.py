@@ -28,7 +28,7 @@ def three_numbers(result: RefineResult, metrics: Sequence[KeyMetric]) -> str:
     verdict, expected_m = result.verdict, result.evidence.predicted_rms_m
     within = (
         f"expected position error (RMS); {verdict.share_within:.0%} of the frames are expected within "
-        f"{verdict.tolerance_m:g}{formatting.SPACE}m"
+        f"{formatting.length(verdict.tolerance_m, 'g')}"
     )
     shown = [("unknown" if np.isinf(expected_m) else formatting.length(expected_m), within)]
     for metric in metrics[:2]:

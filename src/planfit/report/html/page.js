@@ -1,3 +1,10 @@
+// A length in words: metres, or, where the page is told in feet, feet and inches.
+const inUnits = (metres, digits) => {
+  if (document.documentElement.dataset.units !== "ft") return `${metres.toFixed(digits)} m`;
+  const inches = Math.abs(metres) / 0.0254;
+  const feet = inches < 12 ? "" : `${Math.floor(inches / 12)} ft `;
+  return `${metres < 0 ? "-" : ""}${feet}${(inches % 12).toFixed(1)} in`;
+};
 // Sorts a table by the column whose head is pressed; again: the other way. Empty cells stay last.
 for (const table of document.querySelectorAll("table.sortable")) {
   const heads = [...table.tHead.rows[0].cells];

@@ -21,6 +21,7 @@ from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_se
 from planfit.report.plots.drawing import PANEL_PT
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
+from planfit.units import in_units
 
 _DIGITS = {"": 4, "m": 3, "1/m": 4, "px": 1}
 
@@ -35,8 +36,8 @@ def fit_and_correction(both: BeforeAfter) -> str:
             captioned(
                 picture,
                 "<strong>Distance of wall points to the plan.</strong> The more of them on the "
-                f"left, the better the fit. Dashed: the {NEAR_FACE_M:.2f}{formatting.SPACE}m "
-                f"of the key metrics. Beyond {end:.1f}{formatting.SPACE}m lie "
+                f"left, the better the fit. Dashed: the {formatting.length(NEAR_FACE_M, '.2f')} "
+                f"of the key metrics. Beyond {formatting.length(end, '.1f')} lie "
                 f"{formatting.share(beyond[0])} of the points before and "
                 f"{formatting.share(beyond[1])} after.",
                 "Histogram of distances of wall points to the plan, before and after",
@@ -73,7 +74,7 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
         )
         for name, side in sides(both)
     ]
-    limit = f"{maps.FLOOR_RANGE_M:.1f}{formatting.SPACE}m"
+    limit = formatting.length(maps.FLOOR_RANGE_M, ".1f")
     return (
         "<h2>Floor</h2><p>Height of the scanned floor: red is above the floor plane, blue below, "
         f"colours end at ±{limit}. A flat floor is white all over. Slopes, and steps where the "
@@ -185,7 +186,7 @@ def _walls_in_words(faces: Sequence[SeenFace]) -> str:
     few = len(faces) - agree - len(moved)
     parts = [
         f"Of {len(faces)} walls of the plan that were seen, {agree} agree with the scan within "
-        f"{100 * AGREES_WITHIN_M:.0f}{formatting.SPACE}cm."
+        f"{in_units(AGREES_WITHIN_M, '.0f', 'cm', formatting.SPACE)}."
     ]
     if moved:
         told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in moved[:3])
@@ -216,7 +217,7 @@ def sensor_section(result: RefineResult) -> str:
     picture = captioned(
         charts.depth_error_plot(result.calibration, farthest_m),
         "<strong>Error of the depth over distance,</strong> as found: before, and after the correction. "
-        f"Shaded: one standard deviation. Points were seen up to {farthest_m:.1f}{formatting.SPACE}m.",
+        f"Shaded: one standard deviation. Points were seen up to {formatting.length(farthest_m, '.1f')}.",
         "Error of measured depth over distance, before and after",
     )
     names = ("parameter", "found", "sigma", "")

@@ -15,6 +15,7 @@ from planfit.report.plots import colors
 from planfit.report.plots.axes import Entry, new_chart
 from planfit.report.plots.drawing import DASHED, DOTTED, Drawing
 from planfit.report.plots.top_view import find_gaps
+from planfit.units import in_units
 
 
 def distance_histogram(both: BeforeAfter) -> tuple[Drawing, float]:
@@ -31,7 +32,7 @@ def distance_histogram(both: BeforeAfter) -> tuple[Drawing, float]:
         axes.band(outline[0], np.zeros(len(outline[0])), outline[1], color, 0.18)
         axes.series(*outline, color, 1.5)
     axes.rim("distance to the nearest drawn wall (m)", "wall points (% per 2 cm)", is_boxed=False)
-    near: Entry = (f"{NEAR_FACE_M:.2f} m", colors.GREY, "--")
+    near: Entry = (in_units(NEAR_FACE_M), colors.GREY, "--")
     axes.legend([("before", colors.BEFORE, "s"), ("after", colors.AFTER, "s"), near])
     return drawing, end
 

@@ -110,8 +110,8 @@ def fit_in_words(both: BeforeAfter, side: Measures) -> str:
     if side.walls is None:
         return "no wall was seen"
     return (
-        f"{formatting.share(side.walls.near_share)} of wall points within {NEAR_FACE_M:.2f}"
-        f"{formatting.SPACE}m of the plan, NSD {formatting.length(side.walls.nsd_m)}"
+        f"{formatting.share(side.walls.near_share)} of wall points within "
+        f"{formatting.length(NEAR_FACE_M, '.2f')} of the plan, NSD {formatting.length(side.walls.nsd_m)}"
     )
 
 

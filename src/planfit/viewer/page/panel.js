@@ -56,7 +56,7 @@ function draw(state) {
   for (const each of state.corrections) {
     const came = !each.is_solved ? "not solved with yet"
       : each.contradicted ? `contradicted: ${each.contradicted}`
-        : each.residual_m === null ? "used" : `used, ${each.residual_m.toFixed(2)} m apart in the result`;
+        : each.residual_m === null ? "used" : `used, ${inUnits(each.residual_m, 2)} apart in the result`;
     const note = each.note ? ` (${each.note})` : "";
     const row = item(of("list"), `${each.words}${note}; ${came}`,
       button("take out", () => change("remove", each, "taken out")));
@@ -65,7 +65,7 @@ function draw(state) {
   of("visits").replaceChildren();
   for (const visit of state.visits) {
     const [first, last] = [visit.first_frames, visit.last_frames];
-    const words = `frames ${first.join("-")} and ${last.join("-")}: ${visit.after_m.toFixed(3)} m apart, `
+    const words = `frames ${first.join("-")} and ${last.join("-")}: ${inUnits(visit.after_m, 3)} apart, `
       + `${visit.kept_out_m.toFixed(3)} without this loop`;
     item(of("visits"), words,
       button("show", () => { a.show(first[0]); b.show(last[0]); }),

@@ -87,8 +87,8 @@ class Card {
     const wall = this.scene.walls[i];
     const key = document.createElement("p");
     key.innerHTML =
-      '<span class="view-ramp view-ramp-wall"></span><small>Points within half a metre: blue 20 cm behind ' +
-      "the drawn wall, grey on it, red 20 cm before it.</small>";
+      `<span class="view-ramp view-ramp-wall"></span><small>Points within ${inUnits(0.5, 1)}: blue ` +
+      `${inUnits(0.2, 1)} behind the drawn wall, grey on it, red as far before it.</small>`;
     this.open(wall.title, [this.list(wall.rows), key, this.row(this.showButton())]);
   }
 }

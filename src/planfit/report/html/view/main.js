@@ -1,7 +1,7 @@
 // Ties the view together: what is shown, the controls, and drawing when something changed.
 const LEGENDS = {
-  1: (scene) => ["view-ramp-height", ...scene.heights.map((h) => `${(h + scene.origin[2]).toFixed(1)} m`)],
-  2: () => ["view-ramp-distance", "on the plan", "0.3 m off (grey: no wall near)"],
+  1: (scene) => ["view-ramp-height", ...scene.heights.map((h) => inUnits(h + scene.origin[2], 1))],
+  2: () => ["view-ramp-distance", "on the plan", `${inUnits(0.3, 1)} off (grey: no wall near)`],
   3: (scene) => ["view-ramp-time", "first frame", `frame ${scene.frames.length - 1}`],
 };
 
@@ -189,7 +189,7 @@ class View {
     const input = this.find("cut");
     input.value = cut;
     const isAll = cut >= Number(input.max) - 1e-6;
-    this.find("cut-words").textContent = isAll ? "none" : `${(cut + this.scene.origin[2]).toFixed(1)} m`;
+    this.find("cut-words").textContent = isAll ? "none" : inUnits(cut + this.scene.origin[2], 1);
     this.set({ cut: isAll ? 1e9 : cut });
   }
 
