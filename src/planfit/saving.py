@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from planfit.report.scene.scene import Scene
 from planfit.runtime import Runtime, StageTimer, write_whole
 from planfit.runtime.run_folder import RECORD, RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan
+from planfit.units import told_in
 
 REPORT = "report.html"
 SCANS = "scans"
@@ -82,6 +84,14 @@ class RunInputs:
         else:
             plan = {}
         return {**scan, **plan, **self.more}
+
+    @property
+    def plan_sha256(self) -> dict[str, str]:
+        """Of the files of the plans that are there, by name."""
+        plans = self.floorplan or {}
+        names = [plans.name] if isinstance(plans, Floorplan) else [p.name for p in plans.values()]
+        files = (Path(name) for name in names)
+        return {f.name: sha256(f.read_bytes()).hexdigest() for f in files if f.is_file()}
 
 
 @dataclass(frozen=True)
@@ -153,6 +163,7 @@ def write_run(
         timer: of what was done before and is not in the result's own times, such as reading.
     """
     timer = timer or StageTimer(runtime)
+    inputs = replace(inputs, made=replace(inputs.made, plan_sha256=inputs.plan_sha256))
     whole, more = _whole(result), {}
     if isinstance(result, TogetherResult):
         assert whole.made_of is not None
@@ -251,6 +262,7 @@ def _record(inputs: RunInputs, result: RefineResult, cache: Path | None) -> dict
     return record
 
 
+@told_in("m")
 def _scans_record(result: TogetherResult) -> dict[str, Any]:
     """What the record of a run says of its scans, also of those without a place."""
     frames = {own.name: [own.first, own.last] for own in result.together.scans}

@@ -38,6 +38,8 @@ class Provenance:
     """The command line as it was typed; nothing where a program called planfit."""
     versions: dict[str, str]
     """Of planfit, Python and the libraries that results may depend on."""
+    plan_sha256: dict[str, str] = field(default_factory=dict)
+    """Of each file of the plan, by its name."""
 
 
 def provenance_now(command: str = "") -> Provenance:

@@ -63,7 +63,7 @@ class PickedPoints:
         if not apart <= _SAME_POINT_SHARE * away:
             raise OptionError(
                 f"frame {frame}: expected a point on something flat, found the edge of something "
-                f"{in_units(apart)} before or behind it; press another point"
+                f"{in_units(float(apart))} before or behind it; press another point"
             )
         return {"pixel": [float(u), float(v)]}
 

@@ -38,6 +38,7 @@ from planfit.report.options import Provenance
 from planfit.report.plots.overlay import choose_close_ups
 from planfit.report.plots.top_view import Crop, Mark, crop_to_scan
 from planfit.report.scene.scene import Scene
+from planfit.units import asked
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}
 
@@ -126,13 +127,14 @@ def page_of(title: str, body: Sequence[str], scene: Scene | None = None) -> str:
     if scene is not None:
         style, script = style + view_style(), script + view_script()
         first, rest = view_data(scene)
+    units = "" if asked() == "m" else f' data-units="{asked()}"'
     return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<!DOCTYPE html>\n<html lang="en"{units}>\n<head>\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(title)}</title>\n"
-        f"<style>\n{style}</style>\n</head>\n<body>\n"
+        f"<style>\n{style}</style>\n</head>\n<body>\n<main>\n"
         + "\n".join(body)
-        + f"\n{first}<script>\n{script}</script>\n{rest}</body>\n</html>\n"
+        + f"\n</main>\n{first}<script>\n{script}</script>\n{rest}</body>\n</html>\n"
     )
 
 
@@ -148,6 +150,7 @@ def _top(shown: Shown) -> str:
     warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
     parts = [
         f"<h1>{escape(shown.scan_name)}</h1>",
+        _title_block(shown),
         f'<p class="under">{escape(fitted)} by planfit {escape(__version__)}{on_date}</p>',
         f'<p class="verdict {_COLOR[result.verdict.outcome]}">'
         f"{escape(told_first(result.verdict))}</p>",
@@ -189,9 +192,34 @@ def _certainty(shown: Shown) -> str:
     )
 
 
+def _title_block(shown: Shown) -> str:
+    """What a document says of itself first: on paper alone, as the page has it at its end."""
+    made, scan = shown.made, shown.result.made_of.scan if shown.result.made_of else None
+    plan = "none" if shown.floorplan is None else _last_part(shown.floorplan.name)
+    told = {} if made is None else {f"SHA-256 of {n}": h for n, h in made.plan_sha256.items()}
+    rows = {
+        "Project": shown.scan_name,
+        "Date": "" if made is None else made.at,
+        "Scan": "" if scan is None else f"{scan.format}, {len(scan)} frames",
+        "Plan": plan,
+        **told,
+        "Made by": f"planfit {__version__}",
+    }
+    cells = "".join(
+        f"<dt>{escape(name)}</dt><dd>{escape(it)}</dd>" for name, it in rows.items() if it
+    )
+    return f'<dl class="title-block on-paper">{cells}</dl>'
+
+
+_SIGNATURE = "".join(f"<span>{what}</span>" for what in ("Checked by", "Date", "Signature"))
+
+
 def _foot(shown: Shown) -> str:
     axes = "as recorded, turned upright" if shown.floorplan is None else "as in the plan"
-    return f"<footer>{_made(shown.made)} x and y {axes}, heights above the floor.</footer>"
+    return (
+        f'<p class="signature on-paper">{_SIGNATURE}</p>'
+        f"<footer>{_made(shown.made)} x and y {axes}, heights above the floor.</footer>"
+    )
 
 
 def _made(made: Provenance | None) -> str:
@@ -259,7 +287,7 @@ def _statistics(shown: Shown) -> str:
         "<h2>Statistics of the scan</h2>"
         f'<div class="statistics">{tables.statistics_table(result, path_length)}</div>'
         "<details><summary>Options of this run</summary>"
-        f"<pre>{escape(shown.options_text)}</pre></details>"
+        f'<pre tabindex="0">{escape(shown.options_text)}</pre></details>'
     )
 
 
