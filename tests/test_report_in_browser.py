@@ -1,14 +1,20 @@
 """The report in a real browser: nothing overflows on a phone, no words of a picture are cut or covered, heads
-sort, nothing is fetched; on paper it is short."""
+sort, nothing is fetched, all can use it; on paper it is a short document."""
 
+import base64
 import re
+from importlib import resources
 
+import numpy as np
 import pypdfium2
 import pytest
 
 from browser_probe import BROWSER, found_in, printed
+from driven_browser import driven_browser, needs_browser, set_size
+from planfit import __version__
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.report.html.page import make_report
+from planfit.report.options import Provenance
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
 
@@ -48,7 +54,7 @@ addEventListener("load", () => {
 """
 
 
-def report_of(floorplan, offsets_m):
+def report_of(floorplan, offsets_m, made=None):
     """With a verdict on each of its four walls."""
     walls = zip(floorplan.ends, floorplan.normals, offsets_m, strict=True)
     judged = tuple(
@@ -57,7 +63,7 @@ def report_of(floorplan, offsets_m):
     )
     as_built = AsBuilt(judged, AsBuiltOptions(), "plan")
     result = make_result(12, offsets_m)
-    return make_report("scan", floorplan, result, "[a]\nb = 1\n", as_built=as_built)
+    return make_report("scan", floorplan, result, "[a]\nb = 1\n", as_built=as_built, made=made)
 
 
 @pytest.mark.parametrize("width_px", [360, 1200])
@@ -112,3 +118,61 @@ def test_on_paper_a_table_of_walls_that_all_agree_is_left_out(tmp_path, floorpla
     words = " ".join(" ".join(page.get_textpage().get_text_range() for page in pages).split())
     assert "On paper, only walls that are not as drawn are listed." in words
     assert "No. verdict offset" not in words
+
+
+MADE = Provenance(
+    "2026-01-02 03:04:05 +0000", "planfit refine", {"planfit": "1"}, {"plan.dxf": "0123abcd" * 8}
+)
+
+
+@needs_browser
+@pytest.mark.parametrize(("size", "size_pt"), [("A4", (595, 842)), ("letter", (612, 792))])
+def test_on_paper_it_is_a_document_with_nothing_cut_off(tmp_path, floorplan, size, size_pt):
+    page = tmp_path / "report.html"
+    report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0), MADE)
+    page.write_text(report.replace("@page {", f"@page {{ size: {size};"), encoding="utf-8")
+    with driven_browser() as driver:
+        is_dark = {"name": "prefers-color-scheme", "value": "dark"}
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [is_dark]})
+        driver.get(page.as_uri())
+        how = {"preferCSSPageSize": True, "printBackground": True}
+        data = driver.execute_cdp_cmd("Page.printToPDF", how)["data"]
+    pages = pypdfium2.PdfDocument(base64.b64decode(data))
+    texts = [page.get_textpage() for page in pages]
+    words = [" ".join(text.get_text_range().split()) for text in texts]
+    for told in ("Project scan", MADE.at, "0123abcd" * 8, f"planfit {__version__}"):
+        assert told in words[0]
+    assert "Checked by Date Signature" in words[-1]
+    margin_pt = 12 / 25.4 * 72
+    for number, (page, text) in enumerate(zip(pages, texts, strict=True), start=1):
+        assert f"{number} of {len(pages)}" in words[number - 1]
+        assert page.get_size() == pytest.approx(size_pt, abs=1)
+        boxes = np.array([text.get_rect(k) for k in range(text.count_rects())])
+        assert boxes[:, 0].min() > margin_pt
+        assert boxes[:, 2].max() < size_pt[0] - margin_pt
+        assert np.asarray(page.render().to_pil())[:20, :20].min() == 255  # white paper
+
+
+@needs_browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size_px", [(1400, 900), (400, 800)])
+def test_axe_finds_nothing(tmp_path, floorplan, size_px, scheme):
+    axe = pytest.importorskip("axe_core_python", reason="no axe-core (axe-core-python)")
+    page = tmp_path / "report.html"
+    page.write_text(report_of(floorplan, (0.01, 0.07, -0.12, 0.0), MADE), encoding="utf-8")
+    with driven_browser() as driver:
+        set_size(driver, *size_px)
+        feature = {"name": "prefers-color-scheme", "value": scheme}
+        driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+        driver.get(page.as_uri())
+        driver.execute_script(
+            "document.querySelectorAll('details').forEach((d) => (d.open = true))"
+        )
+        driver.execute_script(resources.files(axe).joinpath("axe.min.js").read_text("utf-8"))
+        driver.set_script_timeout(120)
+        found = driver.execute_async_script(
+            "axe.run().then(({ violations }) => arguments[0](violations))"
+        )
+        width_px = driver.execute_script("return document.documentElement.scrollWidth")
+    assert [(one["id"], [node["html"] for node in one["nodes"]]) for one in found] == []
+    assert width_px <= size_px[0]

@@ -45,15 +45,20 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[str]], kinds: str) -> st
         kinds: for each column w (words) or n (numbers, aligned to the right).
     """
     styles = [_CLASSES[kind] for kind in kinds]
-    head = "".join(
-        f'<th scope="col"{style}>{escape(h)}</th>' for h, style in zip(heads, styles, strict=True)
-    )
+    head = "".join(_head(escape(h), style) for h, style in zip(heads, styles, strict=True))
     body = []
     for row in rows:
         cells = "".join(f"<td{style}>{cell}</td>" for cell, style in zip(row, styles, strict=True))
         body.append(f"<tr>{cells}</tr>")
     top = f"<thead><tr>{head}</tr></thead>" if any(heads) else ""
-    return f'<div class="scroll"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
+    return (
+        f'<div class="scroll" tabindex="0"><table>{top}<tbody>{"".join(body)}</tbody></table></div>'
+    )
+
+
+def _head(words: str, style: str) -> str:
+    # A head without words is no head to a screen reader.
+    return f'<th scope="col"{style}>{words}</th>' if words else "<td></td>"
 
 
 def stretch_table(evidence: Evidence) -> str:
@@ -137,7 +142,7 @@ def statistics_table(result: RefineResult, path_length: float) -> str:
     rows = [
         ("frames", formatting.count(len(result.plan_from_cams))),
         ("keyframes, whose images were looked at", formatting.count(len(result.solved_frame_idx))),
-        ("path length, as recorded", f"{path_length:.0f}{formatting.SPACE}m"),
+        ("path length, as recorded", formatting.length(path_length, ".0f")),
         ("keypoints with depth", formatting.count(matches.n_keypoints)),
         ("pairs of frames tried", formatting.count(matches.n_tried)),
         ("pairs verified", formatting.count(len(matches.pairs))),
@@ -248,7 +253,7 @@ def sortable_table(
 def sortable_head(heads: Sequence[str], kinds: str) -> str:
     """The heads of a table that `page.js` sorts: a button each, where it has a name; kinds as of `table`."""
     buttons = (f'<button type="button">{escape(head)}</button>' if head else "" for head in heads)
-    cells = (f'<th scope="col"{_CLASSES[k]}>{b}</th>' for k, b in zip(kinds, buttons, strict=True))
+    cells = (_head(b, _CLASSES[k]) for k, b in zip(kinds, buttons, strict=True))
     return f"<thead><tr>{''.join(cells)}</tr></thead>"
 
 
