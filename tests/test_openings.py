@@ -83,8 +83,8 @@ def beyond(rng, eye, low, high, x=WEST_X, count=400):
 
 def judged(plan, rng, through=None, closed=None, walls=((0.0, 1.5), (2.5, 4.0)), **values):
     """Verdicts where cameras see the partition's west face at `walls`, look through `through`, and see a
-    surface 0.1 m within the wall at `closed`."""
-    x = values.pop("x", WEST_X)
+    surface 0.1 m within the wall at `closed`, and with `reveals_m` both sides of the door, noisy by that."""
+    x, reveals_m = values.pop("x", WEST_X), values.pop("reveals_m", None)
     poses, n_frames = cameras(), values.pop("n_frames", 12)
     patches = []
     for frame in range(n_frames):
@@ -93,6 +93,10 @@ def judged(plan, rng, through=None, closed=None, walls=((0.0, 1.5), (2.5, 4.0)),
         if through is not None:
             seen = beyond(rng, poses[frame, :3, 3], *through, x=x + 0.1)
             patches.append((frame, seen, np.array([-1.0, 0.0])))
+        for y, inwards in zip(DOOR, (1.0, -1.0), strict=True) if reveals_m else ():
+            seen = west_face(rng, 0.0, 0.2)[:, [1, 0, 2]] + [WEST_X, y - WEST_X, 0.0]
+            seen[:, 1] += rng.normal(0, reveals_m, len(seen))
+            patches.append((frame, seen, np.array([0.0, inwards])))
         if closed is not None:
             depth_m = values.get("surface_m", 0.1)
             patches.append((frame, west_face(rng, *closed, x=x + depth_m), np.array([-1.0, 0.0])))
@@ -119,6 +123,20 @@ def test_a_door_is_one_gap_through_both_faces(jambs):
     assert gap.ends[:, 0] == pytest.approx(3.0)
     assert abs(gap.normal[0]) == pytest.approx(1.0)
     assert (gap.width_m, gap.thickness_m) == pytest.approx((1.0, 0.2))
+
+
+@pytest.mark.parametrize("reveals_m", [0.005, 0.02])
+def test_a_door_is_as_wide_as_between_the_middles_of_its_reveals(reveals_m):
+    """The innermost of their points are noise, and the more, the further in."""
+    found = judged(
+        partition(DOOR), np.random.default_rng(0), through=(1.6, 2.4), reveals_m=reveals_m
+    )
+    opening, verdict = only_opening(found)
+    assert verdict is OpeningVerdict.OPEN
+    assert opening.built_ends[:, 1] == pytest.approx(
+        np.sort(DOOR)[:: -1 if opening.ends[0, 1] > 2 else 1], abs=0.004
+    )
+    assert opening.width_sigma_m < 0.03
 
 
 def test_doors_beside_each_other_are_two_gaps():

@@ -24,9 +24,16 @@ INSIDE_M = 0.1
 """Wall that is seen so far inside of what is looked through may be its side; what is further inside stands in
 the opening."""
 EDGE_SIGMA_M = 0.035
-"""Of where the side of an opening is seen, poses aside: depth errs at edges. Measured on even seeds of
-benchmarks/openings.py, 208 sides: wall is seen to begin 0.02 m inside of where it does, RMS 0.038 m; what is
-looked through ends 0.14 m inside, spread 0.07 m, as depth at edges is not believed, and tells no more."""
+"""Of where the side of an opening is seen whose reveal is not, poses aside: depth at edges is not believed:
+its wall is seen to begin 0.04 m further out than it does (8 sides of even seeds of benchmarks/openings.py),
+and what is looked through ends 0.14 m inside, spread 0.07 m, and tells no more."""
+BEHIND_FACE_M = 0.04
+"""What is seen within a wall, so far behind both its faces, is no face that is off or noisy: of the sides of
+an opening it is their reveal."""
+REVEAL_SIGMA_M = 0.01
+"""Of where a reveal is seen, poses aside. It is a plane across the wall, so its middle tells where it stands;
+the point that is furthest inside is its noise, 0.03 m inside (24 sides of even seeds, RMS 0.034 m; by the
+middle 0.011 m, and 0.003 m at true poses)."""
 JAMB_M, BESIDE_M = 0.15, (0.1, 0.6)
 """What stands in an opening is looked at so far within its sides, and the wall so far beside them: casings
 and smeared depth lie between."""
@@ -55,6 +62,12 @@ class _Along:
         inside = (self.at > END_M) & (self.at < width_m - END_M)
         return len(np.unique(self.frame[inside]))
 
+    def middles(self) -> tuple[Float[np.ndarray, " f"], Int[np.ndarray, " f"]]:
+        """The median of each frame that shows enough, and the frame."""
+        frames, counts = np.unique(self.frame, return_counts=True)
+        frames = frames[counts >= MIN_POINTS]
+        return np.array([np.median(self.at[self.frame == i]) for i in frames]), frames
+
     def furthest(self, n_frames: int) -> tuple[float, Int[np.ndarray, " f"]] | None:
         """The greatest place that so many frames reach, and which do; None where too few show any."""
         frames, of_frame = np.unique(self.frame, return_inverse=True)
@@ -78,12 +91,14 @@ def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> AsBuiltOpenin
     wide = gap.ends + REACH_M * np.array([-along, along])
     at, frame = crossings(sight, wide, gap.storey)
     through = _Along(at - REACH_M, frame)
-    surface = _surface(gap, along, wide, placed, sight)
+    half_m = gap.thickness_m / 2
+    surface = _surface(half_m + DEPTH_M, gap, along, wide, placed, sight)
+    reveals = _surface(half_m - BEHIND_FACE_M, gap, along, wide, placed, sight)
     n_bins = max(int(round((gap.width_m - 2 * END_M) / BIN_M, 6)), 1)
     is_open = through.frames_per_part(n_bins) >= MIN_FRAMES
     is_closed = (surface.frames_per_part(n_bins) >= MIN_FRAMES) & ~is_open
     sides = [
-        _side(at_second, gap, along, through, surface, placed, MIN_FRAMES)
+        _side(at_second, gap, along, through, surface, reveals, placed)
         for at_second in (False, True)
     ]
     backs = [_set_back(sign, gap, along, placed, sight) for sign in (1.0, -1.0)]
@@ -135,14 +150,14 @@ def _set_back(
 
 
 def _surface(
+    reach_m: float,
     gap: Gap,
     along: Float[np.ndarray, "2"],
     wide: Float[np.ndarray, "2 2"],
     placed: PlacedWalls,
     sight: LinesOfSight,
 ) -> _Along:
-    """Points of wall and of doors in the wall that an opening is in, beside it too."""
-    reach_m = gap.thickness_m / 2 + DEPTH_M
+    """Points of wall and of doors near the middle of the wall that an opening is in, beside it too."""
     near = placed.points_near(wide, reach_m, gap.storey)
     relative, frame = placed.points[near, :2] - gap.ends[0], placed.point_frame_idx[near]
     above_m = placed.points[near, 2] - sight.floors_m[frame]
@@ -157,24 +172,31 @@ def _side(
     along: Float[np.ndarray, "2"],
     through: _Along,
     surface: _Along,
+    reveals: _Along,
     placed: PlacedWalls,
-    n_frames: int,
 ) -> tuple[float, float]:
     """Where one side stands, and its sigma; NaN where it was not seen.
 
-    It stands where wall begins, from the middle outwards, beyond what is looked through.
+    It stands where wall begins, from the middle outwards, beyond what is looked through; and where enough
+    frames see its reveal there, in the middle of that.
     """
     none = (np.nan, np.nan)
     sign, half_m = (1.0 if at_second else -1.0), gap.width_m / 2
     out_through, out_wall = sign * (through.at - half_m), sign * (surface.at - half_m)
-    passed = _Along(out_through, through.frame).furthest(n_frames)
+    passed = _Along(out_through, through.frame).furthest(MIN_FRAMES)
     if passed is None or passed[0] <= 0:
         return none
     is_beyond = out_wall > max(0.0, passed[0] - INSIDE_M)
-    begins = _Along(-out_wall[is_beyond], surface.frame[is_beyond]).furthest(n_frames)
+    begins = _Along(-out_wall[is_beyond], surface.frame[is_beyond]).furthest(MIN_FRAMES)
     if begins is None:
         return none
-    edge, frames = half_m - sign * begins[0], begins[1]
+    out_m, frames, sigma_m = -begins[0], begins[1], EDGE_SIGMA_M
+    out_reveals = sign * (reveals.at - half_m)
+    is_here = np.abs(out_reveals - out_m) < INSIDE_M
+    middles_m, seeing = _Along(out_reveals[is_here], reveals.frame[is_here]).middles()
+    if len(seeing) >= MIN_FRAMES:
+        out_m, frames, sigma_m = float(np.median(middles_m)), seeing, REVEAL_SIGMA_M
+    edge = half_m + sign * out_m
     places = np.broadcast_to(gap.ends[0] + edge * along, (len(frames), 2))
     pose_m = placed.mean_pose_sigma_m(frames, places, np.broadcast_to(along, (len(frames), 2)))
-    return edge, float(np.hypot(pose_m, EDGE_SIGMA_M))
+    return edge, float(np.hypot(pose_m, sigma_m))
