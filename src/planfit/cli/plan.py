@@ -1,6 +1,5 @@
 """`planfit plan`: what is found in a plan, and the plan in another form."""
 
-from planfit.units import in_units, quantity
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -21,6 +20,7 @@ from planfit.floorplan.edits import edited, edits_of_words, write_edits
 from planfit.floorplan.elements import are_glass
 from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.runtime import write_whole
+from planfit.units import in_units, quantity
 
 
 @dataclass(frozen=True)
@@ -115,14 +115,18 @@ def summarise(floorplan: Floorplan) -> None:
         )
     if floorplan.thickness is not None and np.isfinite(floorplan.thickness).any():
         low, middle, high = _thicknesses(floorplan)
-        rows.append(["thickness", f"{side(low)} to {side(high)}, median {quantity(middle, unit, '.3g')}"])
+        rows.append(
+            ["thickness", f"{side(low)} to {side(high)}, median {quantity(middle, unit, '.3g')}"]
+        )
     if floorplan.openings is not None:
         kinds = f" ({', '.join(source.opening_kinds)})" if source.opening_kinds else ""
         gaps = f"{len(floorplan.openings)} gaps of doors and windows in faces{kinds}"
         rows.append(["openings", gaps])
     is_glass = are_glass(floorplan)
     if is_glass.any():
-        rows.append(["glass", f"{quantity(floorplan.lengths[is_glass].sum(), unit, '.4g')} of faces"])
+        rows.append(
+            ["glass", f"{quantity(floorplan.lengths[is_glass].sum(), unit, '.4g')} of faces"]
+        )
     columns = find_columns(floorplan).sizes
     if len(columns):
         low, high = columns.max(axis=1).min(), columns.max(axis=1).max()
