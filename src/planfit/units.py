@@ -68,6 +68,13 @@ def quantity(value: float, unit: str, spec: str, space: str = " ") -> str:
     return f"{value:{spec}}{space}{unit}".rstrip()
 
 
+def area(value_m2: float, spec: str = ".1f", space: str = " ") -> str:
+    """An area in words: "17.7 m²", or "191 sq ft"."""
+    if asked() == "ft":
+        return f"{value_m2 / FOOT_M**2:{spec}}{space}sq{space}ft"
+    return f"{value_m2:{spec}}{space}m²"
+
+
 def column(name: str) -> str:
     """The head of a column of bare lengths, of which `bare` makes the cells: decimal feet, as surveyors in
     feet use them."""

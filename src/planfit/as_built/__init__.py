@@ -13,6 +13,9 @@ from planfit.as_built.openings import opening_words as opening_words
 from planfit.as_built.record import AS_BUILT as AS_BUILT
 from planfit.as_built.record import read_as_built as read_as_built
 from planfit.as_built.record import write_as_built as write_as_built
+from planfit.as_built.rooms import ClearWidth as ClearWidth
+from planfit.as_built.rooms import RoomAsBuilt as RoomAsBuilt
+from planfit.as_built.rooms import rooms_as_built as rooms_as_built
 from planfit.as_built.types import AsBuilt as AsBuilt
 from planfit.as_built.types import AsBuiltOptions as AsBuiltOptions
 from planfit.as_built.types import AsBuiltWall as AsBuiltWall

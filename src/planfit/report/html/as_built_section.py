@@ -13,7 +13,9 @@ from planfit.as_built import (
     AsBuilt,
     AsBuiltOpening,
     AsBuiltWall,
+    ClearWidth,
     OpeningVerdict,
+    RoomAsBuilt,
     Verdict,
     counted,
     counted_openings,
@@ -22,11 +24,11 @@ from planfit.as_built import (
     opening_words,
 )
 from planfit.report import formatting
-from planfit.report.html.tables import Cell, color_keys, sortable_table
+from planfit.report.html.tables import Cell, color_keys, sortable_table, table
 from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import SeenFace
-from planfit.units import INCH_M, asked, in_units
+from planfit.units import INCH_M, area, asked, in_units
 
 Drawn = TypeVar("Drawn", AsBuiltWall, AsBuiltOpening)
 COLORS = {
@@ -41,13 +43,19 @@ _HEADS = (
 )  # fmt: skip
 
 
-def as_built_section(as_built: AsBuilt, crop: Crop, faces: Sequence[SeenFace] = ()) -> str:
+def as_built_section(
+    as_built: AsBuilt,
+    crop: Crop,
+    faces: Sequence[SeenFace] = (),
+    rooms: Sequence[RoomAsBuilt] = (),
+) -> str:
     """Words, the control of the tolerance, a map of the part that was scanned, and the table of all walls.
 
     Args:
         as_built: verdicts.
         crop: part of the plan that is shown.
         faces: that the fit used, numbered as the walls are; those too short for a verdict are listed too.
+        rooms: as built; those of which nothing was seen are not told.
     """
     options = as_built.options
     unit, unit_m, step = ("in", INCH_M, 0.125) if asked() == "ft" else ("m", 1.0, 0.005)
@@ -73,7 +81,8 @@ data-sure="{SURE_SIGMAS:g}"> {unit}:</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
 {_table(as_built, shown, faces)}</section>
-{_openings_section(as_built, crop)}"""
+{_openings_section(as_built, crop)}
+{_rooms_section(rooms)}"""
 
 
 def _shown(drawn: Sequence[Drawn], crop: Crop) -> list[tuple[int, Drawn]]:
@@ -300,3 +309,47 @@ def _opening_rows(
                 _position(x, y),
             ),
         )
+
+
+def _rooms_section(rooms: Sequence[RoomAsBuilt]) -> str:
+    """Areas and clear widths; nothing where no room is known or seen."""
+    seen = [room for room in rooms if room.seen_share > 0]
+    if not seen:
+        return ""
+    rows = []
+    for number, room in enumerate(seen, start=1):
+        built = (area(a, spec, formatting.SPACE) for a, spec in (
+            (room.area_m2, ".1f"), (room.built_area_m2 - room.area_m2, "+.2f"), (room.area_sigma_m2, ".2f")
+        ))  # fmt: skip
+        rows.append(
+            (
+                str(number),
+                *(words.replace("-", formatting.MINUS) for words in built),
+                "<br>".join(_clear(width) for width in room.widths),
+                formatting.share(room.seen_share),
+                _position(*room.middle_xy).html,
+            )
+        )
+    heads = (
+        "No.",
+        "area as planned",
+        "as built",
+        "sigma",
+        "clear widths",
+        "walls seen",
+        "inside, x, y (m)",
+    )
+    return (
+        '<section class="rooms"><h3>Rooms</h3><p>Areas as planned, and how much more or less they are as '
+        "built, between walls where they were seen and as drawn where not; clear widths between walls that "
+        f"face each other, as planned and how far off.</p>{table(heads, rows, 'nnnnwnn')}</section>"
+    )
+
+
+def _clear(width: ClearWidth) -> str:
+    """As planned, and how far off it is, where that was seen."""
+    planned = formatting.length(width.planned_m)
+    if not np.isfinite(width.built_m):
+        return f"{planned}, not seen"
+    off = formatting.centimetres(width.built_m - width.planned_m, signed=True)
+    return f"{planned} {off} (± {formatting.centimetres(width.sigma_m)})"

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from planfit.as_built import AsBuilt
+from planfit.as_built import AsBuilt, rooms_as_built
 from planfit.evaluation import NEAR_FACE_M
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
@@ -122,7 +122,8 @@ def walls(
             f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
         )
     if as_built is not None:
-        html.append(as_built_section(as_built, crop, faces))
+        rooms = rooms_as_built(floorplan, as_built)
+        html.append(as_built_section(as_built, crop, faces, rooms))
     return "\n".join(html)
 
 
