@@ -244,6 +244,12 @@ function beside(stage) {
     const section = document.getElementById("view");
     if (section) await viewReady(section);
     picks = plan.faces.length ? cloudPicks(section) : null;
+    if (section) {
+      section.after(hand); // what corrects is at hand where it is seen
+      section.querySelector("h2").after(of("hint"));
+      of("hint").hidden = false;
+      if (!scrollY) section.scrollIntoView();
+    }
     if (picks) {
       beside(section.querySelector(".view-stage"));
       section.querySelector(".view-tools").append(of("pairing"));
