@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from jaxtyping import Float, Int
+from shapely.geometry.polygon import orient
 
 from planfit.as_built.types import AsBuilt, AsBuiltWall
 from planfit.floorplan import Floorplan
@@ -65,7 +66,7 @@ def rooms_as_built(floorplan: Floorplan, as_built: AsBuilt) -> tuple[RoomAsBuilt
         room
         for polygon in shapely.polygonize([noded]).geoms
         if polygon.area > ROOM_SIDE_M.low**2
-        and (room := _room(shapely.orient_polygons(polygon), floorplan, standing)) is not None
+        and (room := _room(orient(polygon), floorplan, standing)) is not None
     ]
     return tuple(sorted(rooms, key=lambda room: -room.area_m2))
 
@@ -128,6 +129,6 @@ def _widths(
         built_m = sigma_m = np.nan
         if len(walls) == 2:
             built_m = planned_m - sum(wall.offset_m for wall in walls)
-            sigma_m = float(np.hypot(*(wall.sigma_m for wall in walls)))
+            sigma_m = float(np.linalg.norm([wall.sigma_m for wall in walls]))
         found.append(ClearWidth(planned_m, built_m, sigma_m))
     return found
