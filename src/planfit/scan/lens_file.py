@@ -2,12 +2,13 @@
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
@@ -20,9 +21,14 @@ from planfit.scan.tables import number_table, shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
 
-EXPECTED = (
-    "a lens: YAML of ROS or OpenCV with camera_matrix, a camera as COLMAP writes it, or fx fy cx cy"
-)
+EXPECTED = "a lens: YAML of ROS or OpenCV with camera_matrix, JSON, a camera as COLMAP writes it, or fx fy cx cy"
+_MATRICES = ("camera_matrix", "k", "cam_k", "intrinsic_matrix", "intrinsics", "intrinsic", "matrix")
+_DISTORTIONS = ("distortion_coefficients", "d", "distortion_coeffs", "coeffs", "distortion", "dist_coeffs",
+                "dist")  # fmt: skip
+_SCALARS = (("fx", "fl_x", "focal_x"), ("fy", "fl_y", "focal_y"), ("cx", "ppx"), ("cy", "ppy"))
+"""Names that programs have for a matrix (or fx fy cx cy), for distortion, and for each of fx fy cx cy."""
+_OTHER_CAMERAS = re.compile("depth|infra|right|(^|[^a-z])ir[^a-z]")
+"""Of the names of lenses that are not the colour camera's."""
 _NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
 _MATRIX = re.compile(
     r"^[ \t]*([\w.]+):[^\n\[#]*(?:\n[ \t]+(?:rows|cols|dt):[^\n]*)*(?:\n[ \t]+data:[ \t]*)?"
@@ -55,29 +61,106 @@ def lens_of_yaml(text: str, where: str) -> LensOfFrame:
     Raises:
         ScanError: it tells none; it begins with `where`.
     """
+    return _lens_of_values(*yaml_values(text), where)
+
+
+def _lens_of_values(
+    lists: Mapping[str, list[float]], scalars: Mapping[str, object], where: str
+) -> LensOfFrame:
+    """By lists of numbers and single values, by their names in lower case."""
     try:
-        lists, scalars = yaml_values(text)
-        matrix = lists.get("camera_matrix") or lists.get("k") or []
-        distortion = lists.get("distortion_coefficients") or lists.get("d") or []
-        group = next((g for g in ("camera.", "camera1.", "") if f"{g}fx" in scalars), None)
-        if not matrix and group is not None:
-            fx, fy, cx, cy = (float(scalars[f"{group}{name}"]) for name in ("fx", "fy", "cx", "cy"))
-            matrix = [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]
+        matrix = next((lists[name] for name in _MATRICES if lists.get(name)), [])
+        distortion = next((lists[name] for name in _DISTORTIONS if name in lists), [])
+        group = next((g for g in ("camera.", "camera1.") if f"{g}fx" in scalars), "")
+        if not matrix:
+            matrix = [
+                _number(next(scalars[f"{group}{n}"] for n in names if f"{group}{n}" in scalars))
+                for names in _SCALARS
+            ]
+            half = 0.5 if "fl_x" in scalars else 0.0  # NeRF's count from the first pixel's corner
+            matrix[2:] = [v - half for v in matrix[2:]]
             keys = [f"{group}{name}" for name in ("k1", "k2", "p1", "p2", "k3")]
-            distortion = [float(scalars.get(key, 0.0)) for key in keys]
-        intrinsics = matrix_intrinsics(np.reshape(matrix, (3, 3)), where)
+            distortion = distortion or [_number(scalars.get(key, 0.0)) for key in keys]
+        sizes = [("image_width", "image_height"), ("width", "height"), ("w", "h")]
+        sizes.append(("camera.width", "camera.height"))
         size = next(
             (
-                (int(scalars[f"{before}width"]), int(scalars[f"{before}height"]))
-                for before in ("image_", "", "camera.")
-                if f"{before}width" in scalars
+                (int(_number(scalars[w])), int(_number(scalars[h])))
+                for w, h in sizes
+                if w in scalars
             ),
             None,
         )
-    except (ValueError, KeyError) as error:
+    except (ValueError, KeyError, StopIteration) as error:
         raise ScanError(f"{where}: expected {EXPECTED}, found {shorten(error)}") from error
-    kind = scalars.get("distortion_model", scalars.get("camera.type", "")).lower()
-    return _lens(intrinsics, size, tuple(distortion), kind in FISHEYES, where)
+    kinds = (
+        scalars.get(n, "") for n in ("distortion_model", "camera.type", "camera_model", "model")
+    )
+    kind = next((str(one).lower() for one in kinds if one), "")
+    if "inverse" in kind and any(distortion):
+        raise ScanError(
+            f"{where}: expected distortion as OpenCV has it, found {shorten(kind)}, the other way; "
+            "undistort the images, or give another lens with --intrinsics"
+        )
+    is_fisheye = any(name in kind for name in FISHEYES)
+    return _lens(_four(np.array(matrix), where), size, tuple(distortion), is_fisheye, where)
+
+
+def _number(value: object) -> float:
+    return float(str(value))
+
+
+def _four(numbers: Float[np.ndarray, "..."], where: str) -> tuple[float, ...]:
+    """fx fy cx cy, by these four, or a matrix of 3x3, 3x4 or 4x4 by row, or 3x3 by column (Open3D)."""
+    if numbers.size == 4:
+        return tuple(numbers.ravel().tolist())
+    rows = {9: 3, 12: 3, 16: 4}.get(numbers.size)
+    if rows is None:
+        raise ScanError(f"{where}: expected {EXPECTED}, found {numbers.size} numbers")
+    matrix = numbers.reshape(rows, -1)[:3, :3]
+    return matrix_intrinsics(matrix if matrix[0, 2] else matrix.T, where)
+
+
+def _lens_of_json(text: str, where: str) -> LensOfFrame:
+    """Of the colour camera, however deep it stands."""
+    try:
+        found = list(_lenses_of_json(json.loads(text), where))
+    except (ValueError, RecursionError) as error:
+        raise ScanError(f"{where}: expected {EXPECTED}, found no JSON ({error})") from error
+    own = [one for one in found if not _OTHER_CAMERAS.search(one[0])] or found
+    anywhere = Frame("", 0.0, np.eye(4), "", "")
+    if len({lens(anywhere, (1, 1)) for _, lens in own}) != 1:
+        raise ScanError(
+            f"{where}: expected one lens, found {len(own)} that differ; give the colour camera's alone with "
+            "--intrinsics FILE"
+        )
+    return own[0][1]
+
+
+def _lenses_of_json(value: object, where: str, name: str = "") -> Iterator[tuple[str, LensOfFrame]]:
+    """Lenses of a value and of all in it, by the names that lead there."""
+    if isinstance(value, list):
+        for one in value:
+            yield from _lenses_of_json(one, where, name)
+    if not isinstance(value, dict):
+        return
+    values = {str(key).lower(): one for key, one in value.items()}
+    for key in [key for key in values if "dist" in key and isinstance(values[key], dict)]:
+        values |= {str(name).lower(): one for name, one in values[key].items()}
+    lists = {key: _flat(one) for key, one in values.items() if isinstance(one, list)}
+    try:
+        yield name, _lens_of_values({k: v for k, v in lists.items() if v}, values, where)
+    except ScanError:
+        for key, one in values.items():
+            yield from _lenses_of_json(one, where, f"{name}.{key}")
+
+
+def _flat(value: object) -> list[float]:
+    """All numbers of a list of them or of lists; none where it holds anything else."""
+    try:
+        return np.array(value, dtype=float).ravel().tolist()
+    except (ValueError, TypeError):
+        return []
 
 
 def read_lens(path: Path) -> LensOfFrame:
@@ -86,11 +169,17 @@ def read_lens(path: Path) -> LensOfFrame:
     Raises:
         ScanError: it cannot be read, or holds none.
     """
-    where = str(path)
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise ScanError(f"{where}: expected {EXPECTED}, found none that can be read") from error
+        raise ScanError(f"{path}: expected {EXPECTED}, found none that can be read") from error
+    return lens_of_text(text, str(path))
+
+
+def lens_of_text(text: str, where: str) -> LensOfFrame:
+    """As `read_lens`, of the text of a file; messages begin with `where`."""
+    if text.lstrip()[:1] in ("{", "["):
+        return _lens_of_json(text, where)
     names = [name for name, _ in MODELS]
     cameras = [
         line.split()
@@ -108,10 +197,11 @@ def read_lens(path: Path) -> LensOfFrame:
     numbers = number_table(text.replace(",", " ").replace(";", " "))
     if numbers is None:
         return lens_of_yaml(text, where)
-    if numbers.size in (4, 8, 9) and numbers.shape != (3, 3):
-        values = numbers.ravel().tolist()
+    values = numbers.ravel().tolist()
+    # Nine in a line are fx fy cx cy with distortion, or a matrix, whose second number is the skew.
+    if numbers.size == 8 or (numbers.size == 9 and 1 in numbers.shape and abs(values[1]) > 1):
         return _lens(values[:4], None, tuple(values[4:]), False, where)
-    return _lens(matrix_intrinsics(numbers, where), None, (), False, where)
+    return _lens(_four(numbers, where), None, (), False, where)
 
 
 def _lens(

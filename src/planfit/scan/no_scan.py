@@ -128,6 +128,24 @@ def no_scan_in_folder(
     return ScanError(f"{begin} {held}; {step or formats}")
 
 
+def is_of_known(
+    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
+) -> bool:
+    """Whether a folder holds scans of known formats, or is a copy of one that lacks files.
+
+    A copy is told by another file of the format, or by the folder of the file that is missing.
+    """
+    if any(path.is_dir() for path, _ in _scans_inside(source, layouts, own)):
+        return True
+    near = nearest(source, layouts)
+    files = [part for part in near[1] if not part.endswith("/")] if near else []
+    if not near or not files:
+        return False
+    there = (part for part in layouts[near[0]].parts if part[-1] != "/" and has_part(source, part))
+    folders = (part.rpartition("/")[0] for part in files)
+    return any(there) or any(folder and source.names(folder) for folder in folders)
+
+
 def nearest(
     source: FileSource, layouts: dict[str, FolderLayout]
 ) -> tuple[str, list[str], list[tuple[str, str]]] | None:

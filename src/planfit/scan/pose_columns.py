@@ -75,8 +75,10 @@ def named_columns(text: str) -> tuple[list[str], bool]:
     return columns, all(line.lstrip()[:1] in ("", "#", "%") for line in header)
 
 
-def parse_columns(text: str, path: Path) -> Columns:
+def parse_columns(text: str, path: Path, needs_times: bool = True) -> Columns:
     """Poses as listed, times as they are; `path` is where the text came from, for messages.
+
+    Without `needs_times`, rows are counted where a header names all columns and none is a time.
 
     Raises:
         ScanError: it is of another form, or leaves open what its columns mean.
@@ -93,7 +95,7 @@ def parse_columns(text: str, path: Path) -> Columns:
             "again"
         )
     values = _numbers(rows, path)
-    columns = _columns(path, header, values)
+    columns = _columns(path, header, values, needs_times)
     meant = [i for i, c in enumerate(columns) if c]
     known = np.flatnonzero(np.isfinite(values[:, meant]).all(axis=1))
     rows, values = [rows[i] for i in known], values[known]
@@ -103,7 +105,9 @@ def parse_columns(text: str, path: Path) -> Columns:
         )
     named = {c: values[:, i] for i, c in enumerate(columns) if c}
     poses = _poses(path, named)
-    times = named["time"] if "time" in named else named["time_ns"] / 1e9
+    times = np.arange(float(len(values)))
+    if "time" in named or "time_ns" in named:
+        times = named["time"] if "time" in named else named["time_ns"] / 1e9
     return Columns(times, poses, tuple(columns), tuple(header), rows, separator)
 
 
@@ -161,7 +165,7 @@ def header_words(header: tuple[str, ...] | list[str]) -> list[str]:
     return []
 
 
-def _columns(path: Path, header: list[str], values: np.ndarray) -> list[str]:
+def _columns(path: Path, header: list[str], values: np.ndarray, needs_times: bool) -> list[str]:
     """What each column means.
 
     Raises:
@@ -177,7 +181,7 @@ def _columns(path: Path, header: list[str], values: np.ndarray) -> list[str]:
         )
     # Columns beyond those that the header names are nobody's: `time x y z userfields`.
     named = [*found, *[""] * n][:n]
-    if {"x", "y", "z"} <= set(named) and {"time", "time_ns"} & set(named):
+    if {"x", "y", "z"} <= set(named) and ({"time", "time_ns"} & set(named) or not needs_times):
         return _without_repeats(named)
     if n == 8:
         return list(TUM)

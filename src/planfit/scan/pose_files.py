@@ -2,6 +2,7 @@
 whose header names the columns."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from pathlib import Path
@@ -31,6 +32,10 @@ NO_CLOCK = (
     "the lists, line by line, without times"
 )
 """What to say of times that are left aside."""
+MAX_QUATERNION_DEFECT = 0.01
+"""Quaternions that are off their unit length by more are other numbers; three decimals are off by 0.001."""
+_WIDTHS = (7, 8, 9, 12, 13, 16, 17)
+"""Numbers a line of tables of poses."""
 MIN_NS_DIGITS = 15
 """Nanoseconds since 1970 have nineteen digits; no time in seconds has so many before its point."""
 
@@ -78,11 +83,14 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     """
     content = with_decimal_points(content, path)
     if not _is_euroc(content) and _has_names(content):
-        named = parse_columns(content, path)
-        return PoseTable("tum", named.times, named.poses)
+        named = parse_columns(content, path, needs_times=False)
+        is_timed = not {"time", "time_ns"}.isdisjoint(named.columns)
+        return PoseTable("tum" if is_timed else "kitti", named.times, named.poses)
     content = content.replace(";", " ")
     table = number_table(content.replace(",", " "))
-    if table is not None and table.shape[1] in (8, 9, 12, 16) and not _is_euroc(content):
+    if table is not None and table.shape[1] == 4:
+        table = _blocks(table)
+    if table is not None and table.shape[1] in _WIDTHS and not _is_euroc(content):
         return _of_numbers(table, content, path)
     rows = [
         text.split()
@@ -101,8 +109,8 @@ def parse_poses(content: str, path: Path) -> PoseTable:
         table = PoseTable("log", np.array([row[0] for row in values[::5]]), poses)
     else:
         raise ScanError(
-            f"{path}: expected poses as TUM (8 numbers a line), KITTI (12 a line, or 16), EuRoC (csv) or "
-            f"Open3D log (a line of 3 and four of 4), found lines of "
+            f"{path}: expected poses as TUM (8 numbers a line, or 7), KITTI (12 a line, or 16), EuRoC (csv), "
+            f"matrices below each other, or Open3D log (a line of 3 and four of 4), found lines of "
             f"{', '.join(map(str, sorted(set(lengths)))) or 'nothing'}; or name the columns in a first line: "
             "time,x,y,z,qx,qy,qz,qw"
         )
@@ -110,9 +118,29 @@ def parse_poses(content: str, path: Path) -> PoseTable:
     return table
 
 
+def _blocks(rows: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "k c"] | None:
+    """Matrices of 4x4 or of 3x4 below each other as one a row; None where rows are neither."""
+    last = rows[3::4]
+    if len(rows) % 4 == 0 and ((last == (0, 0, 0, 1)) | ~np.isfinite(last)).all():
+        return rows.reshape(-1, 16)
+    return rows.reshape(-1, 12) if len(rows) % 3 == 0 else None
+
+
 def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> PoseTable:
-    """Poses of a table of 8 (TUM), 9 (RTAB-Map's, which adds the node's number), 12 (KITTI) or 16 columns
-    (whole matrices, as Replica and programs that render have them)."""
+    """Poses of a table of 7 columns (TUM's without time), 8 (TUM), 9 (RTAB-Map's, which adds the node's
+    number), 12 (KITTI) or 16 (whole matrices, as Replica and programs that render have them), or of 13 or 17,
+    with a time or number before a matrix."""
+    if values.shape[1] == 7:
+        if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() > MAX_QUATERNION_DEFECT:
+            raise ScanError(
+                f"{path}: expected lines x y z qx qy qz qw, found lines of 7 numbers whose last four are no "
+                "unit quaternion; name the columns in a first line, such as qw,qx,qy,qz,x,y,z"
+            )
+        timed = np.column_stack([np.arange(len(values)), values])
+        return PoseTable("kitti", *tum_poses(timed, content, path))
+    if values.shape[1] in (13, 17):
+        table = _of_numbers(values[:, 1:], content, path)
+        return replace(table, kind="tum", keys=values[:, 0])
     if values.shape[1] in (12, 16):
         poses = np.tile(np.eye(4), (len(values), 1, 1))  # of KITTI, the last row is not in the file
         poses[:, : values.shape[1] // 4] = values.reshape(len(values), -1, 4)
@@ -131,9 +159,7 @@ def _has_names(content: str) -> bool:
     """Whether a header names all columns of poses, and no plain reader of TUM would take them for what they
     are: it is no comment, or says another order."""
     columns, is_comment = named_columns(content)
-    is_whole = {"x", "y", "z", *TUM[4:]} < set(columns) and not {"time", "time_ns"}.isdisjoint(
-        columns
-    )
+    is_whole = {"x", "y", "z", *TUM[4:]} <= set(columns)
     return is_whole and not (is_comment and columns[:8] == TUM)
 
 
@@ -176,7 +202,9 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
         if len(table.keys) == len(scan) and not is_clocked:
             table = replace(table, keys=scan.timestamps)
             told = [NO_CLOCK.format(f"times of {path.name}")]
-    poses, known = _for_frames(scan, table, path, max_gap_s)
+    poses, known = poses_of_frames(
+        scan.frame_ids, scan.timestamps, table, f"{path}: expected", max_gap_s
+    )
     if not known.any():
         raise ScanError(
             f"{path}: expected poses at times between {scan.timestamps.min():.3f} and "
@@ -220,20 +248,28 @@ def in_seconds(
     return replace(table, keys=table.keys * unit), [told]
 
 
-def _for_frames(
-    scan: Scan, table: PoseTable, path: Path, max_gap_s: float
+def poses_of_frames(
+    ids: Sequence[str],
+    times: Float[np.ndarray, " n"],
+    table: PoseTable,
+    where: str,
+    max_gap_s: float,
 ) -> tuple[Float[np.ndarray, "n 4 4"], Bool[np.ndarray, " n"]]:
-    """A pose for each frame, and whether it is known."""
+    """A pose for each frame, by its time (s), number or row, and whether it is known.
+
+    Raises:
+        ScanError: rows are not as many as frames; it begins with `where`.
+    """
     if table.kind == "tum":
-        return poses_at(table.keys, table.poses, scan.timestamps, max_gap_s)
-    n = len(scan)
+        return poses_at(table.keys, table.poses, times, max_gap_s)
+    n = len(ids)
     poses, known = np.tile(np.eye(4), (n, 1, 1)), np.zeros(n, dtype=bool)
     if table.kind == "kitti" and len(table.keys) == n:
         return table.poses, ~is_lost(table.poses)
-    numbers = _frame_numbers(scan)
+    numbers = _frame_numbers(ids)
     if table.kind == "kitti" and (numbers is None or len(table.keys) <= numbers.max()):
         raise ScanError(
-            f"{path}: expected a row for each of {n} frames, found {len(table.keys)}; KITTI poses "
+            f"{where} a row for each of {n} frames, found {len(table.keys)}; KITTI poses "
             "belong to frames by their row, use TUM poses with times instead"
         )
     if numbers is None or (table.kind == "log" and len(table.keys) == n):
@@ -246,11 +282,11 @@ def _for_frames(
     return poses, known
 
 
-def _frame_numbers(scan: Scan) -> Int[np.ndarray, " n"] | None:
+def _frame_numbers(ids: Sequence[str]) -> Int[np.ndarray, " n"] | None:
     """What frames are called, where all names are numbers."""
     # More digits than a 64-bit integer has are a name.
-    if all(name.isdecimal() and len(name) < 19 for name in scan.frame_ids):
-        return np.array([int(frame_id) for frame_id in scan.frame_ids])
+    if all(name.isdecimal() and len(name) < 19 for name in ids):
+        return np.array([int(frame_id) for frame_id in ids])
     return None
 
 

@@ -13,11 +13,11 @@ from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of, require_content
-from planfit.scan.formats import READERS, layouts, whole_files
+from planfit.scan.formats import LAST, READERS, layouts, whole_files
 from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens, take_calibration
-from planfit.scan.no_scan import no_scan_in_file, no_scan_in_folder
+from planfit.scan.no_scan import is_of_known, no_scan_in_file, no_scan_in_folder
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import Recording
 from planfit.scan.source import FileSource, ZipSource, open_source
@@ -126,6 +126,7 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         if name == kind or (name == "auto" and whole.claims(path)):
             return whole.read(whole.open(path), options), whole.takes_poses
     known = {kind: one for kind, one in layouts().items() if name in ("auto", kind)}
+    last = known.pop(LAST, None)
     if not path.is_dir() and archive_of(path) is None:
         raise no_scan_in_file(path, known)
     source = open_source(path)
@@ -141,6 +142,10 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         raise ScanError(
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
+    if last is not None and (name == LAST or not is_of_known(source, known, own)):
+        if options.poses is not None or last.recognise(source):
+            return last.read(source, options), False
+        known[LAST] = last
     if name != "auto":
         raise ScanError(
             f"{path}: expected a scan of the format {name}: {known[name].expects}; found none"

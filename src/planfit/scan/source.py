@@ -80,8 +80,8 @@ class FileSource(ImageSource, Protocol):
         """Names (without the folder) of the files directly inside a folder, sorted; none where it is not."""
         ...
 
-    def folders(self) -> list[str]:
-        """Names of the folders at the top, sorted."""
+    def folders(self, folder: str = "") -> list[str]:
+        """Names (without the folder) of the folders directly inside a folder, sorted; at the top without."""
         ...
 
     def locate(self, name: str) -> Path:
@@ -102,9 +102,9 @@ class FolderSource:
             return []
         return sorted(item.name for item in inside.iterdir() if item.is_file())
 
-    def folders(self) -> list[str]:
+    def folders(self, folder: str = "") -> list[str]:
         """See `FileSource`."""
-        return sorted(item.name for item in self.path.iterdir() if item.is_dir())
+        return sorted(item.name for item in self._at(folder).iterdir() if item.is_dir())
 
     def exists(self, name: str) -> bool:
         """See `FileSource`.
@@ -227,9 +227,11 @@ class ZipSource:
         """See `FileSource`."""
         return self._by_folder.get(folder.strip("/"), [])
 
-    def folders(self) -> list[str]:
+    def folders(self, folder: str = "") -> list[str]:
         """See `FileSource`."""
-        return sorted({name.split("/")[0] for name in self._entries if "/" in name})
+        prefix = f"{folder.strip('/')}/".lstrip("/")
+        inside = (name[len(prefix) :] for name in self._entries if name.startswith(prefix))
+        return sorted({name.split("/")[0] for name in inside if "/" in name})
 
     def exists(self, name: str) -> bool:
         """See `FileSource`."""

@@ -22,6 +22,7 @@ READERS = {
     "nerfstudio": "nerfstudio.NERFSTUDIO",
     "colmap": "colmap.COLMAP",
     "rtabmap-export": "rtabmap_export.RTABMAP_EXPORT",
+    "any-folder": "any_folder.ANY_FOLDER",
     "rtabmap": "rtabmap.RTABMAP",
     "sens": "sens.SENS",
     "las": "las.LAS",
@@ -32,6 +33,8 @@ READERS = {
 are imported when they are asked for, and import the libraries of their own (video, bags) only when they read.
 """
 
+LAST = "any-folder"
+"""Reads what no other format takes, and no copy of one that lacks files."""
 OWN_FILES = ("las", "e57", "bag", "rtabmap", "sens")
 """Formats that are one file, which a library of their own opens, in the order in which they are tried."""
 
