@@ -1,5 +1,7 @@
 """Every reader gives back what the format's own files say: images, depth, intrinsics, poses, times."""
 
+import json
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -8,7 +10,7 @@ from planfit.errors import OptionError, ScanError
 from planfit.scan import ScanOptions, read_scan
 from planfit.scan.formats.colmap_model import read_model
 from planfit.scan.source import FolderSource
-from scan_samples import HALF_DEPTH, HAS_CONFIDENCE, LOSSY_COLOR, WRITERS, N, write_colmap
+from scan_samples import HALF_DEPTH, HAS_CONFIDENCE, LOSSY_COLOR, WIDTH, WRITERS, N, write_colmap
 
 
 def written(kind, sample, tmp_path):
@@ -208,8 +210,22 @@ def test_a_unit_of_depth_that_is_stated_is_told_from_a_usual_one(kind, read_in_m
     if kind in ("tum", "7-scenes"):
         assert read_scan(path, options=ScanOptions(depth_scale=1e-3)).depth_read_in_m is None
     if kind == "replica":
-        (path.parent / "cam_params.json").unlink()
+        camera = json.loads((path.parent / "cam_params.json").read_text())
+        del camera["camera"]["scale"]
+        (path.parent / "cam_params.json").write_text(json.dumps(camera))
         assert read_scan(path).depth_read_in_m == pytest.approx(1 / 6553.5)
+
+
+@pytest.mark.parametrize("is_published", [True, False])
+def test_a_lens_of_replica_is_not_that_of_images_of_another_size(is_published, sample, tmp_path):
+    path = written("replica", sample, tmp_path)
+    file = path.parent / "cam_params.json"
+    if is_published:
+        file.unlink()
+    else:
+        file.write_text(file.read_text().replace(f'"w": {WIDTH}', '"w": 1200'))
+    with pytest.raises(ScanError, match=r"cam_params.json: expected the camera of 128 x 96 px"):
+        read_scan(path)
 
 
 def test_any_input_file_changes_the_fingerprint(sample, tmp_path):

@@ -77,6 +77,25 @@ FORMS = {
     "colmap without a number": ("OPENCV 640 480 500 501 321 241 .1 -.2 0 0", (0.1, -0.2, 0, 0), False),
     "numbers": ("500 501 320.5 240.5\n", (), False),
     "numbers with distortion": ("500,501,320.5,240.5,0.1,-0.2,0.001,0,0.05\n", RADIAL, False),
+    "json of librealsense": (
+        '{"width": 640, "height": 480, "fx": 500, "fy": 501, "ppx": 320.5, "ppy": 240.5, '
+        '"model": "distortion.brown_conrady", "coeffs": [0.1, -0.2, 0.001, 0.0, 0.05]}', RADIAL, False),
+    "json of Open3D, by column": (
+        '{"width": 640, "height": 480, "intrinsic_matrix": [500, 0, 0, 0, 501, 0, 320.5, 240.5, 1]}',
+        (), False),
+    "json of NeRF": (
+        '{"fl_x": 500, "fl_y": 501, "cx": 321, "cy": 241, "k1": 0.1, "k2": -0.2, "p1": 0.001, "k3": 0.05}',
+        RADIAL, False),
+    "json of two cameras": (
+        '{"depth": {"fx": 1, "fy": 1, "cx": 1, "cy": 1}, '
+        '"color": {"fx": 500, "fy": 501, "cx": 320.5, "cy": 240.5}}', (), False),
+    "json with distortion beside": (
+        '{"Intrinsics": {"fx": 500, "fy": 501, "cx": 320.5, "cy": 240.5, "Distortion": '
+        '{"k1": 0.1, "k2": -0.2, "p1": 0.001, "k3": 0.05}}}', RADIAL, False),
+    "kalibr": (
+        "cam0:\n  camera_model: pinhole\n  distortion_coeffs: [0.1, -0.2, 0.001, 0.0, 0.05]\n"
+        "  distortion_model: radtan\n  intrinsics: [500, 501, 320.5, 240.5]\n", RADIAL, False),
+    "matrix in a line": ("500 0 320.5 0 501 240.5 0 0 1\n", (), False),
     "matrix": ("500 0 320.5\n0 501 240.5\n0 0 1\n", (), False),
 }  # fmt: skip
 
@@ -107,6 +126,11 @@ def test_every_form_is_read(form, tmp_path):
         ("1 PINHOLE 640 480 500\n", "expected 4 parameters of PINHOLE, found 1"),
         (ROS.format("plumb_bob", 9, "1, 2, 3, 4, 5, 6, 7, 8, 9"), "found 9"),
         ("nan 1 2 3\n", "expected"),
+        ("{", "found no JSON"),
+        (
+            '{"a": [{"K": [1, 0, 0, 0, 1, 0, 0, 0, 1]}, {"K": [2, 0, 0, 0, 2, 0, 0, 0, 1]}]}',
+            "found 2 that differ",
+        ),
     ],
 )
 def test_what_is_no_lens_is_refused(text, words, tmp_path):

@@ -18,8 +18,8 @@ from planfit.scan.poses import join_times
 from planfit.scan.source import FileSource, in_order
 
 DEEPEST, MAX_FOLDERS = 2, 50
-"""Folders in folders that are looked at, and how many: data sets keep images in `cam0/data/`, and who has more
-folders keeps several scans."""
+"""Folders in folders that are looked at, and how many: data sets keep images in `cam0/data/`; who has more
+keeps several scans."""
 
 
 def words_of(name: str) -> frozenset[str]:
@@ -104,9 +104,13 @@ def all_files(source: FileSource) -> list[str]:
     """Names of all files, not deeper than `DEEPEST`; none where there are too many folders."""
     found, folders = [], [""]
     for folder in folders:  # grows
-        found += [f"{folder}{name}" for name in source.names(folder) if not name.startswith(".")]
-        if folder.count("/") < DEEPEST:
-            folders += [f"{folder}{one}/" for one in source.folders(folder) if one[0] not in "._"]
+        try:
+            names = source.names(folder)
+            inside = source.folders(folder) if folder.count("/") < DEEPEST else []
+        except OSError:  # a folder that may not be read
+            continue
+        found += [f"{folder}{name}" for name in names if not name.startswith(".")]
+        folders += [f"{folder}{one}/" for one in inside if one[0] not in "._"]
         if len(folders) > MAX_FOLDERS:
             return []
     return found
@@ -186,14 +190,13 @@ def find_pair(
     best = min(one[:2] for one in found)
     chosen = [one[2] for one in found if one[:2] == best]
     if len(chosen) > 1:
-        named = (
-            ", ".join(sorted({getattr(one, k).place for one in chosen})) for k in ("color", "depth")
+        color, depth = (
+            ", ".join(sorted({one.place for one in kind}))
+            for kind in ([one.color for one in chosen], [one.depth for one in chosen])
         )
         raise ScanError(
-            "{}: expected the images of one camera, found colour in {} and depth in {}; give the folder of one "
-            "camera, or name its images with --color-topic and --depth-topic".format(
-                source.path, *named
-            )
+            f"{source.path}: expected images of one camera, found colour in {color} and depth in {depth}; "
+            "give the folder of one camera, or name its images with --color-topic and --depth-topic"
         )
     pair = chosen[0]
     others = sorted(
@@ -261,13 +264,10 @@ def partners(
         return list(zip(keys, others, strict=True)), True
     if len(shared) >= least:
         together = sorted({*keys, *others}, key=in_order)
-        alone = set(keys) - shared
-        return [
-            (k if k in shared or k in alone else "", "" if k in alone else k) for k in together
-        ], False
-    i, j, _ = join_times(
-        *(np.array([time_of(key) for key in one]) for one in (keys, others)), max_gap_s
-    )
+        ones, twos = set(keys), set(others)
+        return [(k if k in ones else "", k if k in twos else "") for k in together], False
+    times, other_times = (np.array([time_of(key) for key in one]) for one in (keys, others))
+    i, j, _ = join_times(times, other_times, max_gap_s)
     if ((i >= 0) & (j >= 0)).sum() < least:
         return None
     pairs = zip(i, j, strict=True)

@@ -21,7 +21,9 @@ from planfit.scan.tables import number_table, shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
 
-EXPECTED = "a lens: YAML of ROS or OpenCV with camera_matrix, JSON, a camera as COLMAP writes it, or fx fy cx cy"
+EXPECTED = (
+    "a lens: YAML of ROS or OpenCV with camera_matrix, JSON, a camera of COLMAP, or fx fy cx cy"
+)
 _MATRICES = ("camera_matrix", "k", "cam_k", "intrinsic_matrix", "intrinsics", "intrinsic", "matrix")
 _DISTORTIONS = ("distortion_coefficients", "d", "distortion_coeffs", "coeffs", "distortion", "dist_coeffs",
                 "dist")  # fmt: skip
@@ -127,6 +129,8 @@ def _lens_of_json(text: str, where: str) -> LensOfFrame:
         found = list(_lenses_of_json(json.loads(text), where))
     except (ValueError, RecursionError) as error:
         raise ScanError(f"{where}: expected {EXPECTED}, found no JSON ({error})") from error
+    if not found:
+        raise ScanError(f"{where}: expected {EXPECTED}, found JSON without")
     own = [one for one in found if not _OTHER_CAMERAS.search(one[0])] or found
     anywhere = Frame("", 0.0, np.eye(4), "", "")
     if len({lens(anywhere, (1, 1)) for _, lens in own}) != 1:
@@ -151,6 +155,8 @@ def _lenses_of_json(value: object, where: str, name: str = "") -> Iterator[tuple
     try:
         yield name, _lens_of_values({k: v for k, v in lists.items() if v}, values, where)
     except ScanError:
+        if {"fx", "fl_x", "camera_matrix"} & values.keys():
+            raise
         for key, one in values.items():
             yield from _lenses_of_json(one, where, f"{name}.{key}")
 

@@ -47,14 +47,16 @@ class ScanOptions(Changeable):
     """Longer side of the images worked on; by default colour is shrunk to VGA or to the size of the depth,
     whichever is larger."""
     color_topic: str = ""
-    """Topic of the colour images in a bag; by default the one whose name and type fit best."""
+    """Topic of the colour images in a bag; by default the one whose name and type fit best. Of `any-folder`,
+    their folder, where there are several cameras."""
     depth_topic: str = ""
-    """Topic of the depth images in a bag; by default the one registered to colour, if there is one."""
+    """Topic of the depth images in a bag; by default the one registered to colour, if there is one. Of
+    `any-folder`, their folder."""
     intrinsics: str = ""
-    """Lens of the colour camera, in place of the scan's own: a file (YAML of ROS or OpenCV, a camera of
+    """Lens of the colour camera, in place of the scan's own: a file (YAML of ROS or OpenCV, JSON, a camera of
     COLMAP, or fx fy cx cy); in a bag, also the topic of its CameraInfo."""
     pose_topic: str = ""
-    """Topic of the poses in a bag; by default tf, else poses or odometry."""
+    """Topic of the poses in a bag; by default tf, else poses or odometry. Of `any-folder`, their file."""
     instant_s: float = 0.5
     """A laser scan is cut into frames of this length."""
     cloud_up: Literal["auto", "x", "y", "z", "-x", "-y", "-z"] = "auto"

@@ -5,13 +5,14 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import ScanError
+from planfit.scan.formats import layouts
 from planfit.scan.image_series import (
     COLORS,
     Paired,
@@ -27,6 +28,7 @@ from planfit.scan.image_series import (
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.lens_file import lens_of_text
+from planfit.scan.no_scan import nearest
 from planfit.scan.pose_files import PoseTable, in_seconds, parse_poses, poses_of_frames, read_poses
 from planfit.scan.poses import MAX_ROTATION_DEFECT, is_lost, write_pose
 from planfit.scan.recording import Frame, LensOfFrame, Size, write_trajectory
@@ -45,15 +47,18 @@ LENS_WORDS = words_of(
 _OTHERS = words_of("depth infra infrared right ir points imu")
 """Words of files that are not the colour camera's."""
 POSE_SUFFIXES = (".txt", ".csv", ".json", ".log", ".tum", ".pose", ".npy", ".freiburg")
-LENS_SUFFIXES = (".txt", ".yaml", ".yml", ".json", ".csv", ".ini", ".cfg")
+CAMERA_SUFFIXES = (".yaml", ".yml", ".json")
+"""Of files that name what they hold."""
 _UNIT = re.compile(
-    r"""["']?(?:\w*depth_?(?:map_?)?(?:scale|factor)|scale)["']?\s*[:=]\s*(\d[\d.]*(?:e[-+]?\d+)?)""",
+    r"""["']?(?:\w*depth_?(?:map_?)?(?:scale|factor)|scale)["']?\s*[:=]\s*(\d+\.?\d*(?:e[-+]?\d+)?)""",
     re.IGNORECASE,
 )
 """How many units of depth make a metre, or how many metres one has, as files of lenses say it."""
+MAX_UNIT_M = 0.01
+"""No whole numbers of depth are coarser: in 256 of these is the range of a room."""
 MAX_OFF_CENTRE = 0.2
-"""Share of the image by which a principal point may be off its centre: of cameras it is a twentieth, of a lens
-for images of half the size a quarter, of twice the size a half."""
+"""Share of the image by which a principal point may be off its centre: of cameras it is a twentieth, of lenses
+of images of half the size a quarter, and of twice the size a half."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +94,15 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
             f"{source.path}: expected images of colour and of depth (16-bit, .npy or .exr) whose names share "
             "numbers, found none; name their folders with --color-topic and --depth-topic"
         )
+    why: list[str] = []
     if options.poses is not None:
         poses = Poses(str(options.poses), read_poses(options.poses))
     else:
-        found = [
-            one for one in _poses(source, series, tables, pair) if options.pose_topic in one.name
-        ]
+        found = _poses(source, series, tables, pair, why)
+        found = [one for one in found if options.pose_topic in one.name]
+        line = f"{source.path}: expected poses of the frames, found {(*why, 'none')[0]}; or give --poses FILE"
         words = POSE_WORDS | pair.color.words
-        poses = _plainest(source, found, lambda one: one.name, words, "poses", "--pose-topic")
+        poses = _plainest(source, found, lambda one: one.name, words, line, "--pose-topic")
     ids = pair.keys
     times = np.array([time_of(key) for key in ids])
     matrices, told, files = _of_frames(source, poses, pair, times, options.max_time_gap_s)
@@ -108,20 +114,22 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
         for frame_id, time, pose, (a, b) in zip(ids, times, matrices, pair.frames, strict=True)
     ]  # fmt: skip
     lens, lens_files, text = _lens(source, series, tables, pair)
-    used = [*lens_files, *(files.values() or [poses.name])]
-    return Listing(
-        source, frames, Content(lens, text, files), [name for name in used if source.exists(name)],
-        warnings=[*pair.told, *told],
-    )  # fmt: skip
+    used = poses.files or (() if options.poses else (poses.name,))
+    content, warnings = Content(lens, text, files), [*pair.told, *told]
+    return Listing(source, frames, content, [*lens_files, *used], warnings=warnings)
 
 
 def _is_any(source: FileSource) -> bool:
+    """Whether images of colour and depth are there with poses, or without in no folder of a known format."""
     series, tables = _sorted_out(source)
     try:
         pair = find_pair(source, series, ("", ""), ScanOptions().max_time_gap_s)
     except ScanError:
         return True  # of several cameras, which is told when it is read
-    return pair is not None and next(_poses(source, series, tables, pair), None) is not None
+    if pair is None:
+        return False
+    has_poses = next(_poses(source, series, tables, pair, []), None) is not None
+    return has_poses or nearest(source, layouts()) is None
 
 
 def _sorted_out(source: FileSource) -> tuple[list[Series], list[str]]:
@@ -133,9 +141,9 @@ def _sorted_out(source: FileSource) -> tuple[list[Series], list[str]]:
 
 
 def _poses(
-    source: FileSource, series: list[Series], tables: list[str], pair: Paired
+    source: FileSource, series: list[Series], tables: list[str], pair: Paired, why: list[str]
 ) -> Iterator[Poses]:
-    """All that can be read as poses of several frames."""
+    """All that can be read as poses of several frames; `why` grows by what cannot."""
     own = [one for one in series if partners([*one.names], pair.keys, 0.0)]
     for pattern, names in [*((name, {}) for name in tables), *((s.pattern, s.names) for s in own)]:
         words, files = words_of(pattern), list(names.values())
@@ -145,7 +153,8 @@ def _poses(
             continue
         try:
             found = _read_poses(source, files[0] if files else pattern)
-        except ScanError:
+        except ScanError as error:
+            why += [str(error)] if words & POSE_WORDS else []
             continue
         if files and len(found.table.poses) == 1:
             yield Poses(pattern, found.table, list(names), files)
@@ -163,8 +172,10 @@ def _read_poses(source: FileSource, name: str) -> Poses:
     if name.lower().endswith(".npy"):
         try:
             rows = np.load(BytesIO(source.read(name)), allow_pickle=False).astype(float)
+            if rows.shape[-2:] not in ((4, 4), (3, 4)):
+                raise ValueError(f"shape {rows.shape}")
         except (ValueError, OSError, EOFError, TypeError) as error:
-            raise ScanError(f"{path}: expected an array, found {error}") from error
+            raise ScanError(f"{path}: expected matrices of 4x4 or 3x4, found {error}") from error
         return Poses(name, parse_poses(_text(rows.reshape(-1, 4)), path))
     text = read_text(source, name)
     if text.lstrip()[:1] not in ("{", "["):
@@ -245,24 +256,22 @@ def _plainest(
     found: Sequence[T],
     name: Callable[[T], str],
     words: frozenset[str],
-    what: str,
+    none: str,
     option: str,
 ) -> T:
     """Of several files the one whose name has the fewest words beside those for what it holds.
 
     Raises:
-        ScanError: there is none, or several have as few.
+        ScanError: there is `none`, or several have as few.
     """
     if not found:
-        raise ScanError(
-            f"{source.path}: expected {what} of the frames, found none; give --poses FILE"
-        )
+        raise ScanError(none)
     oddity = [len(words_of(name(one)) - words) for one in found]
     best = [one for one, n in zip(found, oddity, strict=True) if n == min(oddity)]
     if len(best) > 1:
         named = ", ".join(sorted(map(name, best)))
         raise ScanError(
-            f"{source.path}: expected one file of {what}, found {named}; name one with {option}"
+            f"{source.path}: expected one file for all frames, found {named}; name one with {option}"
         )
     return best[0]
 
@@ -275,29 +284,24 @@ def _lens(
     found += [(one.pattern, one.names) for one in series if partners([*one.names], pair.keys, 0.0)]
     why, usable = "none", []
     for name, names in found:
-        words = words_of(name)
-        if not words & LENS_WORDS or not name.lower().endswith(LENS_SUFFIXES) or words & _OTHERS:
+        words, suffix = words_of(name), PurePosixPath(name).suffix.lower()
+        is_told = suffix in CAMERA_SUFFIXES or (words & LENS_WORDS and suffix in (".txt", ".csv"))
+        if not is_told or words & _OTHERS:
             continue
         first = next(iter(names.values()), name)
         try:
             text = read_text(source, first)
-            lens = lens_of_text(text, str(source.path / first))
+            usable.append((name, names, text, lens_of_text(text, str(source.path / first))))
         except ScanError as error:
-            why = str(error)
-            continue
-        usable.append((name, names, text, lens))
+            why = str(error) if words & LENS_WORDS else why
     step = "give it with --intrinsics FILE (fx fy cx cy, or YAML or JSON)"
+    none = f"{source.path}: expected a file with the lens, found {why}; {step}"
     try:
         name, names, text, lens = _plainest(
-            source, usable, lambda one: one[0], LENS_WORDS | COLORS, "the lens", "--intrinsics"
+            source, usable, lambda one: one[0], LENS_WORDS | COLORS, none, "--intrinsics"
         )
     except ScanError as error:
-        line = (
-            str(error)
-            if usable
-            else f"{source.path}: expected a file with the lens, found {why}; {step}"
-        )
-        return _refusing(line), [], ""
+        return _refusing(str(error)), [], ""
 
     def of_frame(frame: Frame, size: Size) -> Lens:
         own = lens
@@ -324,12 +328,12 @@ def _refusing(line: str) -> LensOfFrame:
     return lens
 
 
-def _metres_per_unit(listing: Listing[Content]) -> float:
-    stated = _UNIT.search(listing.content.text)
-    value = float(stated[1]) if stated else 0.0
-    if not 0 < value < np.inf:
-        return 1e-3
-    return value if value < 1 else 1 / value
+def _stated_unit(listing: Listing[Content]) -> float | None:
+    """Metres of a unit of depth as the file of the lens states it; None where it does not, or states no unit
+    of whole numbers, as factors to millimetres (BOP's 0.1 or 1)."""
+    found = _UNIT.search(listing.content.text)
+    value = float(found[1]) if found else 1.0
+    return 1 / value if value >= 1 / MAX_UNIT_M else value if 0 < value <= MAX_UNIT_M else None
 
 
 def _write(refined: Refined[Content]) -> None:
@@ -362,14 +366,13 @@ written as files of 4x4 text where they came as files of text, else as `trajecto
 """,
     expects="images of colour and of depth whose names share numbers, with poses beside them",
     checked=(
-        "layouts as writers of public data sets and tools have them (tests/scan/test_any_folders.py). No real "
-        "file",
+        "layouts of public data sets and tools (tests/scan/test_any_folders.py says whose). No real file",
         "pairing, poses, lenses and units of depth",
     ),
     told_by=_is_any,
     frames=_frames,
-    metres_per_unit=_metres_per_unit,
-    states_depth_unit=lambda listing: _UNIT.search(listing.content.text) is not None,
+    metres_per_unit=lambda listing: _stated_unit(listing) or 1e-3,
+    states_depth_unit=lambda listing: _stated_unit(listing) is not None,
     lens=lambda listing: listing.content.lens,
     write=_write,
 )

@@ -17,13 +17,21 @@ from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import Poses, RowAFrame
 from planfit.scan.pose_files import read_poses_of
 from planfit.scan.poses import UP_Z, check_pose, followed
-from planfit.scan.recording import Frame, LensOfFrame, pinhole_lens
+from planfit.scan.recording import Frame, LensOfFrame, Size, pinhole_lens
 from planfit.scan.source import FileSource, FolderSource, in_order
 from planfit.scan.tables import Names, first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
 
 CALIBRATION = "cam_params.json"
-PUBLISHED = {"fx": 600.0, "fy": 600.0, "cx": 599.5, "cy": 339.5, "scale": 6553.5}
+PUBLISHED = {
+    "w": 1200,
+    "h": 680,
+    "fx": 600.0,
+    "fy": 600.0,
+    "cx": 599.5,
+    "cy": 339.5,
+    "scale": 6553.5,
+}
 FRAMES = RowAFrame(
     color=Names("results/frame{}.jpg", "results/frame{}.jpeg", "results/frame{}.png"),
     depth=Names("results/depth{}.png"),
@@ -78,7 +86,19 @@ def _lens(listing: Listing[Poses]) -> LensOfFrame:
         )
     camera = _camera(listing.source)
     numbers = [camera.get(key, np.nan) for key in ("fx", "fy", "cx", "cy")]
-    return pinhole_lens(numbers, f"{listing.source.path}: {CALIBRATION}")
+    where = f"{listing.source.path}: {CALIBRATION}"
+
+    def of_size(_: Frame, size: Size) -> Lens:
+        own = camera.get("w", size[0]), camera.get("h", size[1])
+        if own != size:
+            raise ScanError(
+                f"{where}: expected the camera of {size[0]} x {size[1]} px, as the images are, found "
+                f"{'the published one' if camera is PUBLISHED else 'one'} of {own[0]} x {own[1]}; put w h "
+                "fx fy cx cy scale of these images there"
+            )
+        return Lens(make_camera(*size, numbers, where))
+
+    return of_size
 
 
 def _metres_per_unit(listing: Listing[Poses]) -> float:
@@ -108,7 +128,7 @@ REPLICA = FolderLayout(
                                                             millimetres, poses in the same form
 
 `scale` is how many units of depth make a metre (6553.5). The world is z-up and level. Without
-cam_params.json, the published values are taken.
+cam_params.json, the published values are taken, where images have the published size (1200 x 680).
 """,
     expects="traj.txt with results/frameNNNNNN.jpg, depthNNNNNN.png; traj_w_c.txt with rgb/, depth/",
     checked=(
