@@ -214,8 +214,8 @@ def zed(folder, s):
     header = "tx,ty,tz,qx,qy,qz,qw"
     rows = [",".join(f"{v:.9f}" for v in xyz_quaternion(pose)) for pose in s.poses]
     put(folder / "poses.csv", "\n".join([header, *rows]) + "\n")
-    put(folder / "calib.yaml", f"Camera.fx: {s.camera.fx}\nCamera.fy: {s.camera.fy}\nCamera.cx: {s.camera.cx}\nCamera.cy: {s.camera.cy}\n"
-        )  # fmt: skip
+    lines = [f"Camera.{name}: {getattr(s.camera, name)}" for name in ("fx", "fy", "cx", "cy")]
+    put(folder / "calib.yaml", "\n".join(lines) + "\n")
 
 
 def rgbd_euroc(folder, s):
@@ -531,7 +531,7 @@ def test_a_lens_of_depth_or_of_another_size_is_not_taken(sample, tmp_path):
     put(tmp_path / "intrinsic.json", json.dumps(half))
     assert "as of another size; give it with --intrinsics FILE" in refusal(tmp_path)
     put(tmp_path / "intrinsic.json", json.dumps(lens | {"width": 2 * WIDTH, "height": 2 * HEIGHT}))
-    assert "as the intrinsics say" in refusal(tmp_path)
+    assert "as of another size; give it with --intrinsics FILE" in refusal(tmp_path)
 
 
 def test_distortion_of_a_lens_is_undone(sample, tmp_path):

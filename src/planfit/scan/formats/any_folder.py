@@ -57,8 +57,8 @@ _UNIT = re.compile(
 MAX_UNIT_M = 0.01
 """No whole numbers of depth are coarser: in 256 of these is the range of a room."""
 MAX_OFF_CENTRE = 0.2
-"""Share of the image by which a principal point may be off its centre: of cameras it is a twentieth, of lenses
-of images of half the size a quarter, and of twice the size a half."""
+"""Share of the image by which a principal point may be off its centre: of cameras it is a twentieth, of
+lenses of images of half the size a quarter, and of twice the size a half."""
 
 
 @dataclass(frozen=True)
@@ -293,7 +293,7 @@ def _lens(
             text = read_text(source, first)
             usable.append((name, names, text, lens_of_text(text, str(source.path / first))))
         except ScanError as error:
-            why = str(error) if words & LENS_WORDS else why
+            why = str(error) if words & (LENS_WORDS - POSE_WORDS) else why
     step = "give it with --intrinsics FILE (fx fy cx cy, or YAML or JSON)"
     none = f"{source.path}: expected a file with the lens, found {why}; {step}"
     try:
