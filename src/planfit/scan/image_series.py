@@ -15,7 +15,7 @@ import numpy as np
 from planfit.errors import ScanError
 from planfit.scan.images.decode import decode_image
 from planfit.scan.poses import join_times
-from planfit.scan.source import FileSource, in_order
+from planfit.scan.source import MAX_NAME, FileSource, in_order
 
 DEEPEST, MAX_FOLDERS = 2, 50
 """Folders in folders that are looked at, and how many: data sets keep images in `cam0/data/`; who has more
@@ -120,6 +120,8 @@ def series_of(names: Iterable[str]) -> list[Series]:
     """Series of two files or more; where names have several numbers, those that tell frames apart."""
     groups: dict[str, list[tuple[list[str], str]]] = {}
     for name in names:
+        if "{" in name or len(name) > MAX_NAME:
+            continue  # archives may hold any
         folder, _, last = name.rpartition("/")
         stem, dot, suffix = last.rpartition(".")
         pattern = f"{folder}/{_NUMBER.sub('{}', stem)}{dot}{suffix}".lstrip("/")
@@ -258,6 +260,7 @@ def partners(
     Equal numbers are partners, else nearest times; of two that count one by one from other numbers the first
     of each is.
     """
+    keys, others = (sorted(one, key=in_order) for one in (keys, others))
     least = MIN_SHARED * min(len(keys), len(others))
     shared = set(keys) & set(others)
     if len(keys) == len(others) > len(shared) and _is_gapless(keys) and _is_gapless(others):

@@ -93,7 +93,7 @@ def _lens_of_values(
             ),
             None,
         )
-    except (ValueError, KeyError, StopIteration) as error:
+    except (ValueError, OverflowError, KeyError, StopIteration) as error:
         raise ScanError(f"{where}: expected {EXPECTED}, found {shorten(error)}") from error
     kinds = (
         scalars.get(n, "") for n in ("distortion_model", "camera.type", "camera_model", "model")

@@ -50,7 +50,7 @@ POSE_SUFFIXES = (".txt", ".csv", ".json", ".log", ".tum", ".pose", ".npy", ".fre
 CAMERA_SUFFIXES = (".yaml", ".yml", ".json")
 """Of files that name what they hold."""
 _UNIT = re.compile(
-    r"""["']?(?:\w*depth_?(?:map_?)?(?:scale|factor)|scale)["']?\s*[:=]\s*(\d+\.?\d*(?:e[-+]?\d+)?)""",
+    r"""(?<!\w)(?:\w*depth_?(?:map_?)?(?:scale|factor)|scale)["']?\s*[:=]\s*(\d+\.?\d*(?:e[-+]?\d+)?)""",
     re.IGNORECASE,
 )
 """How many units of depth make a metre, or how many metres one has, as files of lenses say it."""
@@ -285,7 +285,8 @@ def _lens(
     why, usable = "none", []
     for name, names in found:
         words, suffix = words_of(name), PurePosixPath(name).suffix.lower()
-        is_told = suffix in CAMERA_SUFFIXES or (words & LENS_WORDS and suffix in (".txt", ".csv"))
+        is_named = words & LENS_WORDS and not words & (POSE_WORDS - LENS_WORDS)
+        is_told = suffix in CAMERA_SUFFIXES or (is_named and suffix in (".txt", ".csv"))
         if not is_told or words & _OTHERS:
             continue
         first = next(iter(names.values()), name)
