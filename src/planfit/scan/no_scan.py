@@ -4,6 +4,7 @@ from pathlib import Path
 
 from planfit.errors import ScanError
 from planfit.findings.finding import FEW_NAMED
+from planfit.scan.formats import READERS
 from planfit.scan.layout import FolderLayout, WholeFile
 from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import has_part
@@ -124,7 +125,7 @@ def no_scan_in_folder(
             f"{layouts[name].expects}: {', '.join(steps)}"
         )
     held, step = _held(source)
-    formats = f"'planfit help scan-formats' describes what is read: {', '.join([*layouts, *own])}"
+    formats = f"'planfit help scan-formats' describes what is read: {', '.join(READERS)}"
     return ScanError(f"{begin} {held}; {step or formats}")
 
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of, require_content
-from planfit.scan.formats import LAST, READERS, layouts, whole_files
+from planfit.scan.formats import LAST, READERS, format_of, layouts, whole_files
 from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens, take_calibration
@@ -142,13 +142,12 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         raise ScanError(
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
-    if last is not None and (name == LAST or not is_of_known(source, known, own)):
-        if options.poses is not None or last.recognise(source):
-            return last.read(source, options), False
-        known[LAST] = last
+    is_free = last is not None and (name == LAST or not is_of_known(source, known, own))
+    if last is not None and is_free and (options.poses is not None or last.recognise(source)):
+        return last.read(source, options), False
     if name != "auto":
         raise ScanError(
-            f"{path}: expected a scan of the format {name}: {known[name].expects}; found none"
+            f"{path}: expected a scan of the format {name}: {format_of(name).expects}; found none"
         )
     raise no_scan_in_folder(source, known, own)
 

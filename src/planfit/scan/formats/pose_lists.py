@@ -61,10 +61,9 @@ def _replica_frames(source: FileSource, options: ScanOptions) -> Listing[Poses]:
 
 
 def _camera(source: FileSource) -> dict[str, Any]:
-    """What cam_params.json says of the camera, here or in the folder above."""
+    """What cam_params.json says of the camera, here or in the folder above (of an archive: around it)."""
     above = FolderSource(source.path.resolve().parent)
-    places = [source, above] if source.path.is_dir() else [source]
-    place = next((one for one in places if one.exists(CALIBRATION)), None)
+    place = next((one for one in (source, above) if one.exists(CALIBRATION)), None)
     if place is None:
         return PUBLISHED
     camera = read_json(place, CALIBRATION).get("camera")
