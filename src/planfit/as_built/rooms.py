@@ -65,7 +65,8 @@ def rooms_as_built(floorplan: Floorplan, as_built: AsBuilt) -> tuple[RoomAsBuilt
     rooms = [
         room
         for polygon in shapely.polygonize([noded]).geoms
-        if polygon.area > ROOM_SIDE_M.low**2
+        if isinstance(polygon, shapely.Polygon)
+        and polygon.area > ROOM_SIDE_M.low**2
         and (room := _room(orient(polygon), floorplan, standing)) is not None
     ]
     return tuple(sorted(rooms, key=lambda room: -room.area_m2))

@@ -141,8 +141,8 @@ class _Walk:
     def tried_with_jumps(self, tracking: Tracking) -> list[_Tried]:
         """The walk with the jump at each undecided step where it lets loops close, where the likeliest lies.
 
-        With loops closed from the same first frame, hypotheses differ by few frames: one alignment serves all.
-        Twelve of ConSLAM took 180 CPU s each with its own, 15 of them for each alignment.
+        With loops closed from the same first frame, hypotheses differ by few frames: one alignment serves
+        all. Twelve of ConSLAM took 180 CPU s with one for each.
         """
         most_torn = max(len(self.calibrated.prepared.torn_steps) - 1, 0)
         found = jump_hypotheses(tracking, self.calibrated.observations.matches)
