@@ -34,7 +34,7 @@ from scan_samples import (
     write_tum,
 )
 
-NED = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+NORTH_EAST_DOWN = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 """cv_from_ned: camera axes of AirSim are x forward, y right, z down."""
 
 
@@ -95,7 +95,7 @@ def tartanair(folder, s, sides=("left",)):
                 f"flow/{name}_{i + 1:06d}_flow.npy",
                 np.zeros((HEIGHT, WIDTH, 2), np.float32),
             )
-        rows = [line(xyz_quaternion(pose)) for pose in s.poses @ NED]
+        rows = [line(xyz_quaternion(pose)) for pose in s.poses @ NORTH_EAST_DOWN]
         put(folder / f"pose_{side}.txt", "\n".join(rows) + "\n")
 
 
@@ -257,7 +257,10 @@ def shibuya(folder, s):
                 folder / f"rcnnseg_image_{side}" / f"{name}.png",
                 png(s.depth_mm[i].astype(np.uint8)),
             )
-    put(folder / "gt_pose.txt", "\n".join(line(xyz_quaternion(p)) for p in s.poses @ NED) + "\n")
+    put(
+        folder / "gt_pose.txt",
+        "\n".join(line(xyz_quaternion(p)) for p in s.poses @ NORTH_EAST_DOWN) + "\n",
+    )
     put(folder / "times.txt", "\n".join(f"{0.1 * i:.6f}" for i in range(N)) + "\n")
 
 
@@ -358,14 +361,14 @@ OPENGL = {"poses": lambda s: s.poses @ GL}
 LENS = {"advised": "give it with --intrinsics FILE", "options": {"intrinsics": True}}
 BUILT_WITH = {
     "TartanAir": Row(
-        "github.com/castacks/tartanair_tools data_type.md", tartanair, poses=lambda s: s.poses @ NED, **LENS
+        "github.com/castacks/tartanair_tools data_type.md", tartanair, poses=lambda s: s.poses @ NORTH_EAST_DOWN, **LENS
     ),
     "TartanAir, both cameras": Row(
         "github.com/castacks/tartanair_tools data_type.md",
         lambda folder, s: tartanair(folder, s, ("left", "right")),
         advised="--color-topic",
         options={"color_topic": "image_left", "depth_topic": "depth_left", "intrinsics": True},
-        poses=lambda s: s.poses @ NED,
+        poses=lambda s: s.poses @ NORTH_EAST_DOWN,
     ),
     "Neural RGB-D": Row(
         "github.com/dazinovic/neural-rgbd-surface-reconstruction load_scannet.py",
@@ -403,7 +406,7 @@ HELD_OUT = {
         "github.com/haleqiu/tartanair-shibuya README", shibuya,
         advised="--color-topic",
         options={"color_topic": "image_0", "depth_topic": "depth_0", "intrinsics": True},
-        poses=lambda s: s.poses @ NED,
+        poses=lambda s: s.poses @ NORTH_EAST_DOWN,
     ),
     "BOP": Row("github.com/thodan/bop_toolkit docs/bop_datasets_format.md", bop,
                refused="trajectory.log is missing"),
