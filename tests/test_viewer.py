@@ -22,6 +22,7 @@ from planfit.pipeline.observations import extract_observations
 from planfit.saving import save_result
 from planfit.scan import read_tum
 from planfit.scan.statistics import lift_pixel
+from planfit.units import asked, told_in
 from planfit.viewer import Session, ViewServer
 from planfit.viewer.server import page
 from test_corrections import HALF_TURN, walk_in_a_room
@@ -377,6 +378,28 @@ def test_one_solve_at_a_time_with_what_the_file_says(served):
     served.ask("solve", {})
     served.session.wait()
     assert served.ask("state")[1]["failed"] == "too many"
+
+
+def test_lengths_stay_in_the_units_that_were_asked_for(served, tmp_path):
+    """Solves run in threads of their own."""
+    units = []
+    with told_in("ft"):
+        session = Session(
+            served.session.folder,
+            served.session.scan,
+            served.session.floorplan,
+            lambda _: units.append(asked()),
+        )
+    with ViewServer(session) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        other = Served(session, server)
+        other.ask("solve", {})
+        session.wait()
+        server.shutdown()
+        thread.join()
+    assert units == ["ft"]
+    assert asked() == "m"
 
 
 def test_a_page_that_asks_while_results_are_written_is_answered(served, monkeypatch):

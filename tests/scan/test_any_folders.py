@@ -34,7 +34,7 @@ from scan_samples import (
     write_tum,
 )
 
-NORTH_EAST_DOWN = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+AIRSIM = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 """cv_from_ned: camera axes of AirSim are x forward, y right, z down."""
 
 
@@ -95,7 +95,7 @@ def tartanair(folder, s, sides=("left",)):
                 f"flow/{name}_{i + 1:06d}_flow.npy",
                 np.zeros((HEIGHT, WIDTH, 2), np.float32),
             )
-        rows = [line(xyz_quaternion(pose)) for pose in s.poses @ NORTH_EAST_DOWN]
+        rows = [line(xyz_quaternion(pose)) for pose in s.poses @ AIRSIM]
         put(folder / f"pose_{side}.txt", "\n".join(rows) + "\n")
 
 
@@ -259,7 +259,7 @@ def shibuya(folder, s):
             )
     put(
         folder / "gt_pose.txt",
-        "\n".join(line(xyz_quaternion(p)) for p in s.poses @ NORTH_EAST_DOWN) + "\n",
+        "\n".join(line(xyz_quaternion(p)) for p in s.poses @ AIRSIM) + "\n",
     )
     put(folder / "times.txt", "\n".join(f"{0.1 * i:.6f}" for i in range(N)) + "\n")
 
@@ -361,14 +361,17 @@ OPENGL = {"poses": lambda s: s.poses @ GL}
 LENS = {"advised": "give it with --intrinsics FILE", "options": {"intrinsics": True}}
 BUILT_WITH = {
     "TartanAir": Row(
-        "github.com/castacks/tartanair_tools data_type.md", tartanair, poses=lambda s: s.poses @ NORTH_EAST_DOWN, **LENS
+        "github.com/castacks/tartanair_tools data_type.md",
+        tartanair,
+        poses=lambda s: s.poses @ AIRSIM,
+        **LENS,
     ),
     "TartanAir, both cameras": Row(
         "github.com/castacks/tartanair_tools data_type.md",
         lambda folder, s: tartanair(folder, s, ("left", "right")),
         advised="--color-topic",
         options={"color_topic": "image_left", "depth_topic": "depth_left", "intrinsics": True},
-        poses=lambda s: s.poses @ NORTH_EAST_DOWN,
+        poses=lambda s: s.poses @ AIRSIM,
     ),
     "Neural RGB-D": Row(
         "github.com/dazinovic/neural-rgbd-surface-reconstruction load_scannet.py",
@@ -406,7 +409,7 @@ HELD_OUT = {
         "github.com/haleqiu/tartanair-shibuya README", shibuya,
         advised="--color-topic",
         options={"color_topic": "image_0", "depth_topic": "depth_0", "intrinsics": True},
-        poses=lambda s: s.poses @ NORTH_EAST_DOWN,
+        poses=lambda s: s.poses @ AIRSIM,
     ),
     "BOP": Row("github.com/thodan/bop_toolkit docs/bop_datasets_format.md", bop,
                refused="trajectory.log is missing"),

@@ -26,9 +26,9 @@ FLAGS = {
     "--units": "`--units ft` tells lengths in feet and inches, on the screen and in the report. Files for "
     "programs, coordinates and the rims of plots stay metric.",
 }
+"""By their long names, which `_ALIASES` shorten."""
 _VALUES = {"--log": "a file", "--units": f"one of {', '.join(UNITS)}"}
 """What stands behind those that take a value."""
-"""By their long names, which `_ALIASES` shorten."""
 _ALIASES = {"-v": "--verbose", "-q": "--quiet"}
 NAMES = (*FLAGS, *_ALIASES)
 

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 
 from planfit.errors import OptionError, PlanfitError, printable
 from planfit.runtime import whole_number
+from planfit.units import told_in
 from planfit.viewer.session import Session, as_json, report_page
 
 Value = TypeVar("Value")
@@ -65,6 +66,11 @@ class ViewServer(ThreadingHTTPServer):
     def address(self) -> str:
         """Of the page, with its token."""
         return f"http://{HOST}:{self.server_address[1]}/{self.token}/"
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answer in a thread of its own, which knows the units of the session."""
+        with told_in(self.session.units):
+            super().process_request_thread(request, client_address)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Who went away before the answer was written is no error of the server."""

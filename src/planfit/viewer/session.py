@@ -31,7 +31,7 @@ from planfit.floorplan.edits import faces_at
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
-from planfit.units import in_units
+from planfit.units import Units, asked, in_units, told_in
 from planfit.viewer.points import NOTE, PickedPoints, is_dragged, metres_per_unit, to_drag
 
 FILE = "corrections.toml"
@@ -53,6 +53,8 @@ class Session:
     solve: Solve
     given: Corrections = NO_CORRECTIONS
     """Corrections that hold where the folder has no file of them."""
+    units: Units = field(default_factory=asked)
+    """That lengths are told in, in the page and by solves."""
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _thread: threading.Thread | None = None
     _failed: str = ""
@@ -253,7 +255,8 @@ class Session:
 
     def _run(self, corrections: Corrections) -> None:
         try:
-            self.solve(corrections)
+            with told_in(self.units):
+                self.solve(corrections)
         except PlanfitError as error:
             self._failed = str(error)
         except Exception as error:  # a page that waits has to be told, whatever it was
