@@ -188,8 +188,19 @@ def _scans() -> dict[str, Make]:
 
         return make
 
+    def any_folder(kind: str) -> Make:
+        def make(folder: Path) -> tuple[str, str]:
+            import test_any_folders
+
+            test_any_folders.ROWS[kind].write(folder / "scan", sample)
+            return "scan", "scan"
+
+        return make
+
+    any_folders = ("poses as JSON", "EuRoC with depth", "poses and lenses by frame", "BundleSDF")
     return {
         **{f"scan-{kind}": folder_scan(kind) for kind in w.WRITERS},
+        **{f"scan-any-{kind}": any_folder(kind) for kind in any_folders},
         "scan-facap": _facap,
         "scan-colmap-binary": colmap_binary,
         "scan-zip": zipped,

@@ -126,6 +126,7 @@ def test_every_form_is_read(form, tmp_path):
         ("1 PINHOLE 640 480 500\n", "expected 4 parameters of PINHOLE, found 1"),
         (ROS.format("plumb_bob", 9, "1, 2, 3, 4, 5, 6, 7, 8, 9"), "found 9"),
         ("nan 1 2 3\n", "expected"),
+        ("K: [1.0.2, 0, 3, 0, 1, 2, 0, 0, 1]\n", "expected numbers of K"),
         ("{", "found no JSON"),
         (
             '{"a": [{"K": [1, 0, 0, 0, 1, 0, 0, 0, 1]}, {"K": [2, 0, 0, 0, 2, 0, 0, 0, 1]}]}',

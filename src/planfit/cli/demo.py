@@ -23,7 +23,7 @@ from planfit.report.key_metrics import TruthErrors
 from planfit.saving import RunInputs
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap
-from planfit.units import in_units
+from planfit.units import in_units, quantity
 
 DEMO_SCAN = SynthOptions(
     camera=CameraOptions(width_px=480, height_px=360),
@@ -86,7 +86,7 @@ def demo_command(arguments: DemoArguments) -> int:
         *(
             [
                 metric.meaning.strip(),
-                *(f"{v:.1f} {metric.unit}" for v in (metric.before, metric.after)),
+                *(quantity(v, metric.unit, ".1f") for v in (metric.before, metric.after)),
             ]
             for metric in metrics
             if metric.name in ("nsd", "floor_plane_rms")

@@ -46,13 +46,22 @@ _MAX_NUMBER = 1e12
 """Nothing that a camera has is so large, in any unit."""
 
 
-def yaml_values(text: str) -> tuple[dict[str, list[float]], dict[str, str]]:
+def yaml_values(text: str, where: str) -> tuple[dict[str, list[float]], dict[str, str]]:
     """Lists of numbers (matrices by row) and single values of a camera's YAML file, by names in lower case,
-    whatever group they stand in."""
+    whatever group they stand in.
+
+    Raises:
+        ScanError: a list holds what is no number; it begins with `where`.
+    """
     lists = {}
     for name, inline, dashes in _MATRIX.findall(text):
         found = re.findall(_NUMBER, inline or dashes.replace("- ", " "))
-        lists[name.lower()] = [float(word) for word in found]
+        try:
+            lists[name.lower()] = [float(word) for word in found]
+        except ValueError as error:
+            raise ScanError(
+                f"{where}: expected numbers of {name}, found {shorten(error)}"
+            ) from error
     scalars = {name.lower(): value.strip().strip("\"'") for name, value in _SCALAR.findall(text)}
     return lists, scalars
 
@@ -63,7 +72,7 @@ def lens_of_yaml(text: str, where: str) -> LensOfFrame:
     Raises:
         ScanError: it tells none; it begins with `where`.
     """
-    return _lens_of_values(*yaml_values(text), where)
+    return _lens_of_values(*yaml_values(text, where), where)
 
 
 def _lens_of_values(

@@ -103,7 +103,7 @@ def _rows(table: PoseTable, keys: list[str], where: str) -> dict[str, int]:
 
 
 def _base_from_cam(text: str, where: str) -> Float[np.ndarray, "4 4"]:
-    numbers = yaml_values(text)[0].get("local_transform", [])
+    numbers = yaml_values(text, where)[0].get("local_transform", [])
     if len(numbers) != 12:
         raise ScanError(
             f"{where}: expected local_transform, 12 numbers, found {len(numbers)}; {_EXPORTED}"
