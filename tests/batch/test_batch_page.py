@@ -103,7 +103,7 @@ def test_thumbnails_follow_the_results_and_are_small(ledger):
 PROBE = """<script>addEventListener("load", () => {
   const page = document.querySelector("iframe").contentDocument;
   const names = () => [...page.querySelectorAll("tbody tr")].map((r) => r.cells[0].textContent);
-  const heads = page.querySelectorAll("th"), found = {};
+  const heads = page.querySelector("thead tr").cells, found = {};
   const press = (i) => { heads[i].querySelector("button").click(); return names(); };
   found.name = press(0); found.down = press(0); found.verdict = press(1); found.error = press(3);
   found.width = page.documentElement.scrollWidth;
