@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ import numpy as np
 import pytest
 from numba.core import event
 
+import planfit
 from planfit.compiled import decorator, making, ready_files
 from planfit.compiled.decorator import LEVEL, LEVEL_FEATURES, kernel, usable, what_is_here
 from planfit.compiled.making import compiled_blob, make_ready
@@ -133,20 +135,39 @@ def test_a_cpu_that_is_named_to_numba_is_believed(folder, monkeypatch):
     assert usable(folder) == f"made for another, numba is told to compile for {here.cpu}"
 
 
-def test_a_changed_source_has_another_digest(tmp_path):
-    (tmp_path / "sub").mkdir()
-    constants, loops = tmp_path / "constants.py", tmp_path / "sub" / "loops.py"
+def test_what_kernels_depend_on_changes_the_digest_and_nothing_else_does(tmp_path):
+    package = tmp_path / "walls"
+    constants, loops, words = (
+        package / "sub" / f"{name}.py" for name in ("sizes", "loops", "words")
+    )
+    constants.parent.mkdir(parents=True)
     constants.write_text("BLOCK = 256\n")
-    loops.write_text("def f(): pass\n")
-    first = ready_files.source_digest(tmp_path)
-    (tmp_path / "notes.txt").write_text("no source")
-    assert ready_files.source_digest(tmp_path) == first
+    loops.write_text(
+        "from walls.compiled import kernel\nfrom walls.sub import (\n    others,\n    sizes,\n)\n"
+    )
+    words.write_text("HELLO = 1\n")
+    first = ready_files.source_digest(package)
+    words.write_text("HELLO = 2\n")
+    assert ready_files.source_digest(package) == first
     constants.write_text("BLOCK = 128\n")
-    other = ready_files.source_digest(tmp_path)
+    other = ready_files.source_digest(package)
     assert other != first
     constants.write_text("BLOCK = 256\n")
-    loops.rename(tmp_path / "loops.py")
-    assert ready_files.source_digest(tmp_path) not in (first, other)
+    loops.rename(package / "loops.py")
+    assert ready_files.source_digest(package) not in (first, other)
+
+
+def test_every_module_of_a_listed_kernel_is_in_the_digest(tmp_path):
+    package = tmp_path / "planfit"
+    shutil.copytree(
+        Path(planfit.__file__).parent, package, ignore=lambda _, names: {"ready"} & {*names}
+    )
+    first = ready_files.source_digest(package)
+    for module in {parse_line(line)[0].rpartition(".")[0] for line in listed_lines()}:
+        path = package.joinpath(*module.split(".")[1:]).with_suffix(".py")
+        path.write_text(path.read_text() + "\n")
+        assert ready_files.source_digest(package) != first, module
+        first = ready_files.source_digest(package)
 
 
 def test_a_kernel_that_was_edited_and_loaded_anew_is_compiled(folder, tmp_path, monkeypatch):
@@ -226,6 +247,7 @@ import sys
 from pathlib import Path
 import numpy as np
 from numba.core import event
+import planfit
 from planfit.compiled import decorator
 decorator.READY = Path(sys.argv[1])
 with event.install_recorder("numba:compile") as recorder:
@@ -257,6 +279,7 @@ def test_kernels_are_made_anew_where_all_are_ready(tmp_path):
     code = """
 import sys
 from pathlib import Path
+import planfit
 from planfit.compiled import decorator, making
 decorator.READY = Path(sys.argv[1])
 making.compile_share(Path(sys.argv[2]), sys.argv[3:])

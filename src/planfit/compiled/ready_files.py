@@ -7,6 +7,7 @@ Nothing but the standard library is needed here: the build of a wheel reads them
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -22,7 +23,7 @@ class Made:
     """What kernels were compiled from, by and for; or what there is now, to compare with."""
 
     source: str
-    """Digest of planfit's sources (`source_digest`)."""
+    """Digest of the sources that kernels depend on (`source_digest`)."""
     python: str
     """Interpreter and version, with the flags of its ABI: `cpython-311`."""
     numba: str
@@ -58,16 +59,30 @@ class Made:
 
 
 def source_digest(package: Path) -> str:
-    """SHA-256 of every Python source of a package, by its place and its bytes.
+    """SHA-256 of the Python sources that compiled code can depend on, by their places and their bytes.
 
-    All of them and not only those with kernels: compiled code holds the values of constants that other
-    modules define. 565 files take 14 ms.
+    These are the modules with kernels and all that they import from the package, directly or not, since
+    compiled code holds the values of constants that other modules define: 62 of 514 files, in some 50 ms.
     """
+    sources = {path.relative_to(package): path.read_bytes() for path in package.rglob("*.py")}
+    imports = re.compile(
+        rf"^\s*from {package.name}\.([\w.]+) import (\([^)]*\)|[^\n]*)".encode(), re.MULTILINE
+    )
+    waiting = [place for place, data in sources.items() if b" import kernel\n" in data]
+    needed: set[Path] = set()
+    while waiting:
+        place = waiting.pop()
+        if place in needed or place not in sources:
+            continue
+        needed.add(place)
+        for module, names in imports.findall(sources[place]):
+            base = Path(*module.decode().split("."))
+            waiting += [base.with_suffix(".py"), base / "__init__.py"]
+            waiting += [base / f"{name}.py" for name in re.findall(r"\w+", names.decode())]
     digest = hashlib.sha256()
-    for path in sorted(package.rglob("*.py"), key=lambda path: path.relative_to(package).parts):
-        name, data = path.relative_to(package).as_posix(), path.read_bytes()
-        digest.update(f"{name} {len(data)}\n".encode())
-        digest.update(data)
+    for place in sorted(needed, key=lambda place: place.parts):
+        digest.update(f"{place.as_posix()} {len(sources[place])}\n".encode())
+        digest.update(sources[place])
     return digest.hexdigest()
 
 
