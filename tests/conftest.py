@@ -15,6 +15,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 
 @pytest.fixture(autouse=True)
+def checked_shapes():
+    shape_checks.begin_test()
+
+
+@pytest.fixture(autouse=True)
 def no_silent_numerics():
     with np.errstate(divide="raise", invalid="raise", over="raise"):
         yield
