@@ -28,7 +28,7 @@ from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.mixed import LEAST_SHARE, with_other_styles
 from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.raster.stroke_widths import least_wall_width
-from planfit.floorplan.raster.trace import straight_length, trace_regions
+from planfit.floorplan.raster.trace import straight_lengths, trace_regions
 
 _FACTORS = {
     WallStyle.OUTLINED: 1.15,  # says more of the drawing than the other interpretations of the same walls
@@ -165,7 +165,7 @@ def find_walls_alone(
     length = shapely.length(walls)
     thickness = 2 * shapely.area(walls) / np.maximum(length, 1e-6)
     usual = weighted_median(thickness, length)
-    straight = sum(straight_length(wall, max(1.5 * usual, 6.0)) for wall in walls)
+    straight = float(straight_lengths(walls, max(1.5 * usual, 6.0)).sum())
     share = straight / float(length.sum())
     candidate = Candidate(
         WallStyle.BLACK_ALONE, mask, "edge", INK, 0.0, 2.0, unsure_px=width.unsure_px

@@ -13,7 +13,7 @@ from planfit.floorplan.columns import ELONGATED
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.gaps import PARALLEL
 from planfit.floorplan.raster.candidates import Candidate
-from planfit.floorplan.raster.trace import straight_length, trace_regions
+from planfit.floorplan.raster.trace import straight_lengths, trace_regions
 from planfit.floorplan.vector.line_work import outlines
 from planfit.geometry import segments
 
@@ -123,11 +123,8 @@ def measure_forms(regions: Shaped[np.ndarray, " n"]) -> Forms:
     thickness = 2 * shapely.area(regions) / np.maximum(outline, 1e-6)
     bounds = shapely.bounds(regions)
     reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    straight = [
-        straight_length(region, max(1.5 * t, 6.0))
-        for region, t in zip(regions, thickness, strict=True)
-    ]
-    return Forms(outline, thickness, reach, np.array(straight))
+    straight = straight_lengths(regions, np.maximum(1.5 * thickness, 6.0))
+    return Forms(outline, thickness, reach, straight)
 
 
 def worth_of_walls(straight: Float[np.ndarray, " n"], extent_px: float) -> float:

@@ -19,7 +19,7 @@ from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation, measure_forms, worth_of_walls
 from planfit.floorplan.raster.openings import find_openings
-from planfit.floorplan.raster.trace import straight_length
+from planfit.floorplan.raster.trace import straight_lengths
 from planfit.floorplan.vector.regions import faces_of_regions
 
 _TOUCHING_PX = 3.0
@@ -110,8 +110,7 @@ def _walls_beside(
 
 def _worth(walls: Sequence[shapely.Polygon], thickness_px: float, extent_px: float) -> float:
     """As interpretations are scored: straight length, that of long walls the most."""
-    straight = np.array([straight_length(wall, max(1.5 * thickness_px, 6.0)) for wall in walls])
-    return worth_of_walls(straight, extent_px)
+    return worth_of_walls(straight_lengths(walls, max(1.5 * thickness_px, 6.0)), extent_px)
 
 
 def _gaps(own: BaseGeometry, thickness_px: float) -> BaseGeometry:

@@ -41,7 +41,7 @@ from planfit.floorplan.raster.sheet_marks import (
     without_frame,
     without_signs,
 )
-from planfit.floorplan.raster.trace import settle_faces, straight_length
+from planfit.floorplan.raster.trace import settle_faces, straight_lengths
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
 from planfit.geometry import segments
@@ -230,10 +230,9 @@ def _no_walls(name: str, found: str) -> FloorplanError:
 
 def _long_share(interpretation: Interpretation) -> float:
     """Share of the outline of the walls in edges several times as long as walls are thick."""
-    long = sum(
-        straight_length(wall, 5.0 * interpretation.thickness_px) for wall in interpretation.walls
-    )
-    return long / sum(wall.length for wall in interpretation.walls)
+    walls = interpretation.walls
+    long = straight_lengths(walls, 5.0 * interpretation.thickness_px)
+    return float(long.sum()) / sum(wall.length for wall in walls)
 
 
 def shrink_to_read(side_px: int, may_enlarge: bool) -> float:

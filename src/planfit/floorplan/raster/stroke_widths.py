@@ -24,7 +24,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.trace import profiles, straight_length, trace_regions
+from planfit.floorplan.raster.trace import profiles, straight_lengths, trace_regions
 from planfit.floorplan.vector.line_work import edges_of_areas
 from planfit.geometry import segments
 
@@ -161,7 +161,7 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         own_usual = weighted_median(thickness, outline)
         is_base = bool(outlines.sum() < _BASE * extent)
         usual = own_usual if is_base else weighted_median(thicknesses, outlines)
-        long = sum(straight_length(region, _LONG * usual) for region in regions)
+        long = straight_lengths(regions, _LONG * usual).sum()
         yield Kind(
             least,
             own_usual,

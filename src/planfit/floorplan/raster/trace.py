@@ -1,7 +1,7 @@
 """From a mask of wall to straight-sided regions, and from these to faces that lie where the ink says."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import cv2
 import numpy as np
@@ -9,7 +9,6 @@ import shapely
 from jaxtyping import Float, Int, Shaped, UInt8
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.line_work import outlines
 from planfit.floorplan.vector.regions import RegionFaces
 from planfit.geometry import segments
 
@@ -58,10 +57,18 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
     return result
 
 
-def straight_length(region: shapely.Polygon, least_px: float) -> float:
-    """Length of a polygon's edges that are at least so long."""
-    length = segments.lengths(outlines([region]))
-    return float(length[length >= least_px].sum())
+def straight_lengths(
+    regions: Shaped[np.ndarray, " n"] | Sequence[shapely.Polygon],
+    least_px: float | Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Of each of some polygons the length of its edges that are at least so long."""
+    rings, region = shapely.get_rings(np.array(regions, dtype=object), return_index=True)
+    points, ring = shapely.get_coordinates(rings, return_index=True)
+    own = region[ring[1:]]
+    length = np.hypot(*np.diff(points, axis=0).T)
+    # Two points in sequence are an edge where they are of one ring.
+    is_long = (ring[1:] == ring[:-1]) & (length >= np.broadcast_to(least_px, len(regions))[own])
+    return np.bincount(own[is_long], length[is_long], len(regions))
 
 
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
