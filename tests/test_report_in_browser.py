@@ -15,6 +15,7 @@ from planfit import __version__
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.report.html.page import make_report
 from planfit.report.options import Provenance
+from planfit.units import in_units, told_in
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
 
@@ -176,3 +177,20 @@ def test_axe_finds_nothing(tmp_path, floorplan, size_px, scheme):
         width_px = driver.execute_script("return document.documentElement.scrollWidth")
     assert [(one["id"], [node["html"] for node in one["nodes"]]) for one in found] == []
     assert width_px <= size_px[0]
+
+
+@needs_browser
+def test_the_page_tells_lengths_in_the_words_of_python(floorplan, tmp_path):
+    lengths_m = [0.0, 0.002, 0.0253, 0.303, 0.304, -0.3048, 2.2876, 30.47, 30.4801, 400.0]
+    lengths_m += np.random.default_rng(4).uniform(-40, 40, 60).tolist()
+    with driven_browser() as driver:
+        for units in ("m", "ft"):
+            page = tmp_path / f"{units}.html"
+            with told_in(units):
+                page.write_text(report_of(floorplan, (0.01, 0.07, -0.12, 0.0)), encoding="utf-8")
+                expected = [in_units(length_m, ".2f") for length_m in lengths_m]
+            driver.get(page.as_uri())
+            told = driver.execute_script(
+                "return arguments[0].map((metres) => inUnits(metres, 2))", lengths_m
+            )
+            assert told == expected

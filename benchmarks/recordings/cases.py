@@ -11,7 +11,8 @@ from itertools import product
 
 import numpy as np
 
-from planfit.pipeline.depth_unit import FOOT, MILLIMETRE, REPLICA, TUM, WHOLE_UNITS
+from planfit.pipeline.depth_unit import MILLIMETRE, REPLICA, TUM, WHOLE_UNITS
+from planfit.units import FOOT_M
 from recordings.sources import AT_RATE, NAMES
 
 UNITS, RIGHT_UNITS, OWN_UNITS = "unit of depth changed", "unit of depth right", "poses in a unit"
@@ -24,7 +25,7 @@ _READ_IN = (MILLIMETRE, TUM, REPLICA)
 OTHER_UNITS = (
     *((read, stored) for read, stored in product(_READ_IN, WHOLE_UNITS) if read != stored),
     (1.0, MILLIMETRE),
-    (1.0, FOOT),
+    (1.0, FOOT_M),
 )
 """Metres of the unit that depth is read in, and of the one that it is stored in."""
 

@@ -28,6 +28,7 @@ from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.priors import CLEAR_ODDS, SURE_SIGMAS
+from planfit.units import FOOT_M, INCH_M
 
 LOOK_WITHIN = 0.12
 """Share by which the scale of a plan in metres that keeps its scale is looked beside it: prints, tracings and
@@ -51,8 +52,8 @@ HALF_THICKNESS_M = (0.04, 0.07, 0.1, 0.15)
 METRES_PER_UNIT = {
     "millimetres": 0.001,
     "centimetres": 0.01,
-    "inches": 0.0254,
-    "feet": 0.3048,
+    "inches": INCH_M,
+    "feet": FOOT_M,
     "metres on paper at 1:50": 50.0,
     "metres on paper at 1:100": 100.0,
     "metres on paper at 1:200": 200.0,

@@ -16,6 +16,8 @@ from planfit.priors import ROOM_SIDE_M
 
 ENCLOSED_SHARE = 0.5
 """Of the rim of a room, that faces look into it from: of the inside of a wall none does."""
+ACROSS = 0.1
+"""Least cosine between the normals of walls that are not across one another: within 6 degrees of square."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,7 @@ def _widths(
     by_length, found = sorted(of_face, key=lambda face: -of_face[face]), []
     for is_across in (False, True):
         cosines = np.abs(normals[by_length] @ normals[by_length[0]])
-        own = np.array(by_length)[(cosines < 0.1) if is_across else (cosines > PARALLEL)]
+        own = np.array(by_length)[(cosines < ACROSS) if is_across else (cosines > PARALLEL)]
         facing = own[normals[own] @ normals[own[0]] < -PARALLEL] if len(own) else own
         if len(facing) == 0:
             continue

@@ -7,11 +7,12 @@ from typing import Literal
 from planfit.errors import OptionError, require_positive
 from planfit.priors import BUILDING_SIZE_M
 from planfit.runtime import Changeable, require_kinds
+from planfit.units import FOOT_M, INCH_M
 
 Unit = Literal["auto", "m", "cm", "mm", "in", "ft", "unknown"]
 """What a user may say of a plan's unit."""
 
-METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+METRES_PER_UNIT = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": INCH_M, "ft": FOOT_M}
 """Units that a plan may be drawn in."""
 METRES_PER_FILE_UNIT = {**METRES_PER_UNIT, "dm": 0.1, "yd": 0.9144, "US survey ft": 1200 / 3937}
 """Those, and what only the headers of files name."""

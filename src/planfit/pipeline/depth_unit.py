@@ -33,14 +33,15 @@ from planfit.priors import (
 from planfit.scan import Scan, calibrated_scan, depth_of_nine, median_depth_m
 from planfit.segmentation import most_common_upright, oriented_points
 from planfit.tracking import Tracking
+from planfit.units import FOOT_M
 
-MILLIMETRE, TUM, REPLICA, FOOT = 1e-3, 1 / 5000, 1 / 6553.5, 0.3048
+MILLIMETRE, TUM, REPLICA = 1e-3, 1 / 5000, 1 / 6553.5
 """Metres of a unit: of most recorders; of the TUM benchmark, and lists in its form; of NICE-SLAM's
-renderings; of an imperial modeller's."""
+renderings."""
 WHOLE_UNITS = (MILLIMETRE, TUM, 1 / 4000, REPLICA, 1 / 256)
 """All that whole numbers of depth are stored in; 1/256 in KITTI's depth maps."""
-FLOAT_UNITS = (MILLIMETRE, FOOT)
-"""All that floating-point numbers of depth are stored in, beside metres."""
+FLOAT_UNITS = (MILLIMETRE, FOOT_M)
+"""All that floating-point numbers of depth are stored in, beside metres; feet by imperial modellers."""
 ANY = 1e3
 """Units of poses' own lie between a thousandth of a metre and so many metres, and sizes that are not those of
 rooms within such a factor; each is as likely."""

@@ -11,6 +11,7 @@ from planfit.findings import some_ids
 from planfit.floorplan import Floorplan
 from planfit.priors import FLOOR_LEVEL_MOST_M
 from planfit.survey.types import Survey, SurveyAxes
+from planfit.units import FOOT_M, INCH_M
 
 OUTSIDE_SHARE = 0.5
 """A point may lie so far outside of the plan's faces, as a share of their extent: control points stand in
@@ -20,8 +21,8 @@ MAX_FLOOR_HEIGHT_M = FLOOR_LEVEL_MOST_M.value
 UNITS = {
     "millimetres": 1e-3,
     "centimetres": 1e-2,
-    "feet": 0.3048,
-    "inches": 0.0254,
+    "feet": FOOT_M,
+    "inches": INCH_M,
     "kilometres": 1e3,
 }
 """Metres of one unit that points may be in by mistake."""

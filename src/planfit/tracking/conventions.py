@@ -40,6 +40,7 @@ from planfit.tracking.pose_units import (
     unit_by_motions,
     unit_named,
 )
+from planfit.units import FOOT_M
 
 RECORDED, AUTO = "recorded", "auto"
 EXPLAINED_SIGMAS = 4.0
@@ -112,7 +113,7 @@ FRAME_DELAYS = {
 }
 """Of the conventions, those that are a delay of whole frames."""
 
-_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "feet": 0.3048}
+_UNITS = {"millimetres": 0.001, "centimetres": 0.01, "feet": FOOT_M}
 """Metres of those that have names."""
 
 CONVENTIONS: dict[str, Callable[[Poses], Poses]] = {

@@ -16,6 +16,7 @@ from planfit.floorplan.options import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD
 from planfit.geometry import segments
+from planfit.units import FOOT_M
 
 WORLD_SUFFIXES = {
     ".png": (".pgw", ".pngw"), ".jpg": (".jgw", ".jpgw"), ".jpeg": (".jgw", ".jpegw", ".jpgw"),
@@ -25,7 +26,7 @@ WORLD_SUFFIXES = {
 _PIXEL_SCALE, _TIE_POINT, _TRANSFORMATION, _KEYS = 33550, 33922, 34264, 34735
 _RASTER_TYPE, _MODEL_TYPE, _LINEAR_UNITS = 1025, 1024, 3076
 _GEOGRAPHIC, _PIXEL_IS_POINT = 2, 2
-_METRES = {9001: 1.0, 9002: 0.3048, 9003: 1200 / 3937}
+_METRES = {9001: 1.0, 9002: FOOT_M, 9003: 1200 / 3937}
 """By the code of EPSG: metre, foot, US survey foot."""
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS84."""

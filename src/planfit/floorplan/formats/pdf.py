@@ -23,6 +23,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
+from planfit.units import INCH_M
 
 MIN_PARTS = 20
 """A page with fewer lines and areas, and a picture on it, is the picture."""
@@ -39,12 +40,14 @@ MAX_OPEN_BYTES = 2_000_000_000
 """What opening a page may take."""
 MAX_OBJECTS = MAX_ENTITIES
 """Objects of a page with all its forms drawn out; large plans have some hundred thousand."""
-METRES_PER_POINT = 0.0254 / 72
+METRES_PER_POINT = INCH_M / 72
 """A point of PDF is 1/72 inch (ISO 32000-1)."""
 _MAX_FORM_DEPTH = 12
 _CANNOT_TELL = 7
 _OPEN_PAGE = f"""
 import sys
+from planfit.units import INCH_M
+from planfit.units import INCH_M
 try:
     import pypdfium2 as pdfium
 except ImportError:

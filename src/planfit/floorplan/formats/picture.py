@@ -14,6 +14,7 @@ from planfit.floorplan.formats.georeference import find_georeference, place_on_m
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture, shrink_for_reading
 from planfit.floorplan.types import Floorplan
+from planfit.units import INCH_M
 
 _STRIP_PX = 256  # rows that are copied at a time
 
@@ -31,7 +32,7 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
     warning = ""
     if options.paper_scale is not None:
         dpi = _dots_per_inch(path)
-        options = options.on_paper(0.0254 / dpi)
+        options = options.on_paper(INCH_M / dpi)
         is_told = True
         if min(abs(dpi - usual) for usual in (72.0, 96.0)) < 0.5:
             warning = f"the picture says {dpi:.0f} dpi, which programs write where they know none"

@@ -2,8 +2,13 @@
 const inUnits = (metres, digits) => {
   if (document.documentElement.dataset.units !== "ft") return `${metres.toFixed(digits)} m`;
   const inches = Math.abs(metres) / 0.0254;
-  const feet = inches < 12 ? "" : `${Math.floor(inches / 12)} ft `;
-  return `${metres < 0 ? "-" : ""}${feet}${(inches % 12).toFixed(1)} in`;
+  const sign = metres < 0 ? "-" : "";
+  if (Number(inches.toFixed(1)) < 12) return `${sign}${inches.toFixed(Number(inches.toFixed(2)) >= 1 ? 1 : 2)} in`;
+  if (inches / 12 >= 100) return `${sign}${Math.round(inches / 12).toLocaleString("en")} ft`;
+  const eighths = Math.round(inches * 8);
+  const part = ["", "1/8", "1/4", "3/8", "1/2", "5/8", "3/4", "7/8"][eighths % 8];
+  const words = [Math.floor((eighths % 96) / 8) || "", part].filter(Boolean).join(" ");
+  return `${sign}${Math.floor(eighths / 96)} ft${words && ` ${words} in`}`;
 };
 // Sorts a table by the column whose head is pressed; again: the other way. Empty cells stay last.
 for (const table of document.querySelectorAll("table.sortable")) {

@@ -58,6 +58,7 @@ from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import Pen
 from planfit.priors import PAPER_WIDTH_MOST_M
+from planfit.units import INCH_M
 
 PIXELS_PER_INCH = 96.0
 """Of CSS (Values and Units, level 3)."""
@@ -95,10 +96,10 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
     if _is_own(svg):
         drawing = _in_own_units(drawing, svg)
     elif _is_in_true_size(svg):
-        metres = 0.0254 / PIXELS_PER_INCH
+        metres = INCH_M / PIXELS_PER_INCH
         drawing = replace(drawing, metres_per_unit=metres, unit="1/96 in")
     elif (scale := _told_scale(svg)) is not None:
-        metres = scale * 0.0254 / PIXELS_PER_INCH
+        metres = scale * INCH_M / PIXELS_PER_INCH
         drawing = replace(drawing, metres_per_unit=metres, unit=f"1/96 in at 1:{scale:g}")
     not_followed = "1 reference to another file was not followed"
     if n_references > 1:
@@ -120,7 +121,7 @@ def read_svg(path: Path, options: PlanOptions) -> Floorplan:
         drawing,
         path,
         fingerprint_of(path),
-        options.on_paper(0.0254 / PIXELS_PER_INCH),
+        options.on_paper(INCH_M / PIXELS_PER_INCH),
         "SVG drawing",
         file_from_drawing,
     )
@@ -179,7 +180,7 @@ def _is_in_true_size(svg: SVG) -> bool:
     if not _has_lengths(_own(svg)):
         return False
     side_px = min(float(str(svg.width)), float(str(svg.height)))
-    return side_px * 0.0254 / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
+    return side_px * INCH_M / PIXELS_PER_INCH > PAPER_WIDTH_MOST_M.value
 
 
 def _parsed(root: ET.Element, path: Path) -> tuple[SVG, tuple[str, ...], int]:
