@@ -11,10 +11,9 @@ from planfit.floorplan.faces import line_strings, weighted_median
 from planfit.floorplan.near_lines import connected_groups, in_blocks
 from planfit.floorplan.vector.drawing import LIGHT, Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.line_work import cut_out, outlines, path_rings
+from planfit.floorplan.vector.line_work import cut_out, path_rings
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
-from planfit.geometry import segments
 
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
@@ -298,44 +297,6 @@ def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
     reach = 0.6 * float(np.percentile(np.asarray(steps, dtype=float), 75))
     bands = shapely.buffer(shapely.linestrings(hatches), reach, cap_style="square")
     return shapely.intersection(shapely.union_all(bands), area).area > 0.6 * area.area
-
-
-def edges_of_rooms(
-    rooms: list[BaseGeometry], tolerance: float
-) -> tuple[Float[np.ndarray, "n 2 2"], float]:
-    """Edges of rooms with the room on the left; where two rooms meet without a wall between them, within
-    `tolerance`, there is none. And the length of those where there is none, each counted once."""
-    parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
-             if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
-    tree = shapely.STRtree(parts)
-    edges, outline = [], 0.0
-    for i, part in enumerate(parts):
-        others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
-        near = shapely.buffer(shapely.union_all(others), 1.5 * tolerance)
-        for ring in shapely.get_rings(shapely.orient_polygons(part)):
-            ends = outlines([ring])
-            edges.append(cut_out(ends, near, 3 * tolerance)[0])
-            outline += float(segments.lengths(ends).sum())
-    bounding = np.concatenate([*edges, np.zeros((0, 2, 2))])
-    return bounding, (outline - float(segments.lengths(bounding).sum())) / 2
-
-
-def edges_between_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
-    """Edges where two rooms meet without a wall between them, within `tolerance`, each once; not those of
-    what lies in a room."""
-    parts = np.array([p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
-                      if p.geom_type == "Polygon" and not p.is_empty])  # fmt: skip
-    inner, outer = shapely.STRtree(shapely.buffer(parts, tolerance)).query(parts, "within")
-    parts = np.delete(
-        parts, inner[(inner != outer) & (shapely.area(parts)[inner] < shapely.area(parts)[outer])]
-    )
-    one, other = shapely.STRtree(parts).query(parts, "dwithin", tolerance)
-    one, other = one[one < other], other[one < other]
-    rings = shapely.boundary(parts)
-    near = shapely.buffer(rings[other], tolerance)
-    found = list(shapely.intersection(rings[one], near))
-    ends = outlines(found)
-    return ends[segments.lengths(ends) > 3 * tolerance]
 
 
 def outside_rooms(

@@ -2,14 +2,14 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.vector.areas import edges_between_rooms, edges_of_rooms, outside_rooms
+from planfit.floorplan.vector.areas import outside_rooms
 from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.line_work import ends_of, outlines
+from planfit.floorplan.vector.line_work import cut_out, ends_of, outlines
 from planfit.geometry import segments
 
 TOUCHING_SHARE = 0.3
@@ -56,6 +56,44 @@ def end_at_walls(rooms: list[BaseGeometry], walls: BaseGeometry) -> bool:
     edges = shapely.boundary(np.array(rooms, dtype=object))
     along = shapely.length(shapely.intersection(edges, walls)).sum()
     return bool(along > WALLED_ALL_ROUND * shapely.length(edges).sum())
+
+
+def edges_of_rooms(
+    rooms: list[BaseGeometry], tolerance: float
+) -> tuple[Float[np.ndarray, "n 2 2"], float]:
+    """Edges of rooms with the room on the left; where two rooms meet without a wall between them, within
+    `tolerance`, there is none. And the length of those where there is none, each counted once."""
+    parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+             if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
+    tree = shapely.STRtree(parts)
+    edges, outline = [], 0.0
+    for i, part in enumerate(parts):
+        others = [parts[j] for j in tree.query(part, "dwithin", tolerance) if j != i]
+        near = shapely.buffer(shapely.union_all(others), 1.5 * tolerance)
+        for ring in shapely.get_rings(shapely.orient_polygons(part)):
+            ends = outlines([ring])
+            edges.append(cut_out(ends, near, 3 * tolerance)[0])
+            outline += float(segments.lengths(ends).sum())
+    bounding = np.concatenate([*edges, np.zeros((0, 2, 2))])
+    return bounding, (outline - float(segments.lengths(bounding).sum())) / 2
+
+
+def edges_between_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
+    """Edges where two rooms meet without a wall between them, within `tolerance`, each once; not those of
+    what lies in a room."""
+    parts = np.array([p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+                      if p.geom_type == "Polygon" and not p.is_empty])  # fmt: skip
+    inner, outer = shapely.STRtree(shapely.buffer(parts, tolerance)).query(parts, "within")
+    parts = np.delete(
+        parts, inner[(inner != outer) & (shapely.area(parts)[inner] < shapely.area(parts)[outer])]
+    )
+    one, other = shapely.STRtree(parts).query(parts, "dwithin", tolerance)
+    one, other = one[one < other], other[one < other]
+    rings = shapely.boundary(parts)
+    near = shapely.buffer(rings[other], tolerance)
+    found = list(shapely.intersection(rings[one], near))
+    ends = outlines(found)
+    return ends[segments.lengths(ends) > 3 * tolerance]
 
 
 def around_rooms(
