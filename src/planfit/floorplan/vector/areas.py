@@ -1,6 +1,6 @@
 """What filled and hatched areas mean: solid wall, or the floors of rooms with the walls left out between."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -35,6 +35,9 @@ class Areas:
     walls: list[BaseGeometry]
     rooms: list[BaseGeometry]
 
+
+HIDDEN = 0.1
+"""Of a floor, what shows where others are laid over it all: nothing of a plot under eleven rooms."""
 
 OUTLINE_SAMPLES = 50
 """Places on an outline that are looked at, to see whether it is drawn."""
@@ -105,8 +108,34 @@ def _have_outlines(
 ) -> bool:
     """Whether lines are drawn all around most of some areas, as around rooms; not around the pieces that a
     program cuts one into."""
-    if len(polygons) < 2 or len(ends) == 0:
-        return False
+    return len(polygons) > 1 and bool((_drawn(polygons, ends, extent) > WHOLE).mean() > WHOLE)
+
+
+def without_surroundings(
+    rooms: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
+) -> list[BaseGeometry]:
+    """Rooms but for areas along whose edge nothing is drawn, where most have an outline: streets, lawns and
+    neighbours' houses.
+
+    Args:
+        rooms: filled areas.
+        ends: of the lines.
+        extent: of the drawing.
+    """
+    if not rooms:
+        return rooms
+    drawn, area = _drawn(rooms, ends, extent), shapely.area(np.array(rooms))
+    if 2 * area[drawn > WHOLE].sum() < area.sum():
+        return rooms
+    return [room for room, share in zip(rooms, drawn, strict=True) if share > 1 - WHOLE]
+
+
+def _drawn(
+    polygons: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
+) -> Float[np.ndarray, " k"]:
+    """Share of the outline of each area along which lines are drawn."""
+    if len(ends) == 0:
+        return np.zeros(len(polygons))
     rings, of = shapely.get_parts(shapely.boundary(np.array(polygons)), return_index=True)
     lengths = shapely.length(rings)
     shares = (np.arange(OUTLINE_SAMPLES) + 0.5) / OUTLINE_SAMPLES
@@ -117,7 +146,7 @@ def _have_outlines(
         is_near[place] = True
     near = is_near.reshape(len(rings), -1).mean(axis=1)
     drawn, whole = (np.bincount(of, w) for w in (near * lengths, lengths))
-    return bool((drawn > WHOLE * whole).mean() > WHOLE)
+    return drawn / whole
 
 
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
@@ -163,6 +192,33 @@ def without_paper(
         return fills, True
     kept = tuple(fill for fill, is_paper in zip(fills, is_all, strict=True) if not is_paper)
     return kept, _is_white(fills[np.flatnonzero(is_all)[-1]].colour)
+
+
+def uppermost(fills: tuple[Fill, ...]) -> tuple[Fill, ...]:
+    """Fills, of floors without what tinted ones laid over their edge later hide of them, and without those of
+    which next to nothing shows, whose colour white ones that lie on them take: they are no paper. What else
+    lies within one may be furniture that stands on it."""
+    polygons = np.array([fill.polygon for fill in fills], dtype=object)
+    is_floor = np.array([not is_dark(fill.colour) for fill in fills], dtype=bool)
+    upper = np.flatnonzero(is_floor & np.array([fill.is_opaque for fill in fills], dtype=bool))
+    under, over = shapely.STRtree(polygons[upper]).query(polygons, predicate="intersects")
+    over = upper[over]
+    is_under = is_floor[under] & (under < over)
+    under, over = under[is_under], over[is_under]
+    shown = list(fills)
+    for k in np.unique(under):
+        on_it = polygons[over[under == k]]
+        rest = shapely.difference(polygons[k], shapely.union_all(on_it))
+        if shapely.area(rest) > HIDDEN * shapely.area(polygons[k]):
+            tinted = [i for i in over[under == k] if not _is_white(fills[i].colour)]
+            over_edge = polygons[tinted][~shapely.covers(polygons[k], polygons[tinted])]
+            rest = shapely.difference(polygons[k], shapely.union_all(over_edge))
+        else:
+            rest = shapely.Polygon()
+            for white in (i for i in over[under == k] if _is_white(fills[i].colour)):
+                shown[white] = replace(shown[white], colour=fills[k].colour)
+        shown[k] = replace(shown[k], polygon=rest)
+    return tuple(fill for fill in shown if not fill.polygon.is_empty)
 
 
 def without_ground(

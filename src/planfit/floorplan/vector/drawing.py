@@ -57,6 +57,8 @@ class Fill:
     layer: int
     colour: tuple[int, int, int] | None
     """RGB from 0 to 255; None where the file does not tell."""
+    is_opaque: bool = False
+    """Known to hide what was drawn before it."""
 
 
 @dataclass(frozen=True)
@@ -130,12 +132,16 @@ class DrawingBuilder:
         self._pens.append(pen)
 
     def add_fill(
-        self, rings: list[Float[np.ndarray, "_ 2"]], layer: str, colour: tuple[int, int, int] | None
+        self,
+        rings: list[Float[np.ndarray, "_ 2"]],
+        layer: str,
+        colour: tuple[int, int, int] | None,
+        is_opaque: bool = False,
     ) -> None:
         """An area inside an odd number of `rings`, each (k, 2)."""
         area = self._area(rings)
         if area.area > 0:
-            self.fills.append(Fill(area, self.layer(layer), colour))
+            self.fills.append(Fill(area, self.layer(layer), colour, is_opaque))
 
     def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]], is_paper: bool = False) -> None:
         """An opaque area: of the lines that were added before, nothing shows in it; of dark fills neither,

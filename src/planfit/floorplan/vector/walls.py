@@ -17,8 +17,10 @@ from planfit.floorplan.vector.areas import (
     left_out_rooms,
     main_rooms,
     sort_fills,
+    uppermost,
     without_ground,
     without_paper,
+    without_surroundings,
 )
 from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.closed_pieces import closed_pieces, open_walls, outer_wall
@@ -238,8 +240,9 @@ def _solids_and_rooms(
 ) -> tuple[list[BaseGeometry], list[BaseGeometry], str]:
     """Filled and hatched areas: solid walls, and floors of rooms; and a word on those left out."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
+    fills = uppermost(fills)
     areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
-    walls, rooms = areas.walls, areas.rooms
+    walls, rooms = areas.walls, without_surroundings(areas.rooms, drawing.lines.ends, extent)
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
     slim = [area for area in hatched if area.length**2 / (16 * area.area) > 2.5]
     # A drawing hatches either its walls or its floors.

@@ -35,6 +35,7 @@ from planfit.floorplan.formats.svg.paint import (
     dark_ground,
     is_dashed,
     is_drawn,
+    is_opaque,
     is_white,
     lightness,
     negative,
@@ -342,7 +343,8 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         for points, is_curved in parts:
             builder.add_polyline(points, is_curved, layer, style, pen)
     if is_drawn(shape.fill):
-        builder.add_fill([points for points, _ in parts], layer, rgb_of(shape.fill))
+        hides = shape.fill.alpha == 255 and is_opaque(shape)
+        builder.add_fill([points for points, _ in parts], layer, rgb_of(shape.fill), hides)
 
 
 def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:

@@ -1,0 +1,86 @@
+"""Rooms drawn as boxes that lie on a ground, over one another or apart; grids under them; and what is drawn
+in the groups of walls."""
+
+from pathlib import Path
+
+import pytest
+import shapely
+
+from planfit.floorplan import Floorplan, read_floorplan
+
+Box = tuple[float, float, float, float]
+Line = tuple[float, float, float, float]
+
+
+def svg(path: Path, *shapes: str) -> Floorplan:
+    text = "\n".join(shapes)
+    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 900 700">{text}</svg>')
+    return read_floorplan(path)
+
+
+def box(at: Box, style: str) -> str:
+    x, y, width, height = at
+    return f'<rect x="{x}" y="{y}" width="{width}" height="{height}" {style}/>'
+
+
+def line(at: Line, style: str) -> str:
+    return '<line x1="{}" y1="{}" x2="{}" y2="{}" {}/>'.format(*at, style)
+
+
+def sides(*boxes: Box) -> list[Line]:
+    return [
+        side
+        for x, y, w, h in boxes
+        for side in (
+            (x, y, x + w, y), (x + w, y, x + w, y + h), (x, y + h, x + w, y + h), (x, y, x, y + h),
+        )
+    ]  # fmt: skip
+
+
+def shares(plan: Floorplan, lines: list[Line]) -> tuple[float, float]:
+    """Recall and precision of the length of lines x0, y0, x1, y1 of the file."""
+    truth = shapely.union_all([shapely.LineString([a[:2], a[2:]]) for a in lines])
+    found = shapely.union_all(shapely.linestrings(plan.ends * (1.0, -1.0)))
+    recall = truth.intersection(found.buffer(1.5)).length / truth.length
+    return recall, found.intersection(truth.buffer(1.5)).length / found.length
+
+
+ROOMS: list[Box] = [
+    (x, y, 200, h) for x in (150, 350, 550) for y, h in ((100, 150), (250, 200), (450, 100))
+]
+
+
+@pytest.mark.parametrize("floors", [["#fffdf7"], ["#fffdf7", "#f1f7ff"], ["#eef7eb", "#f1f7ff"]])
+def test_a_plot_under_all_rooms_and_land_without_an_outline_are_no_rooms(
+    tmp_path: Path, floors: list[str]
+) -> None:
+    """Also of white rooms, which are paper where no tint lies under them."""
+    around = [(60, 100, 82, 450), (758, 100, 82, 450), (150, 40, 600, 50), (150, 560, 600, 60)]
+    land = [box(at, 'fill="#eee8df"') for at in around]
+    plot = box((150, 100, 600, 450), 'fill="#f8f6ef" stroke="#222" stroke-width="4"')
+    rooms = [
+        box(at, f'fill="{floors[k % len(floors)]}" stroke="#222" stroke-width="3"')
+        for k, at in enumerate(ROOMS)
+    ]
+    plan = svg(tmp_path / "plan.svg", *land, plot, *rooms)
+    recall, precision = shares(plan, sides(*ROOMS))
+    assert recall > 0.97
+    assert precision > 0.97
+
+
+def test_a_corridor_under_the_rooms_that_are_laid_over_its_edge_does_not_open_them(
+    tmp_path: Path,
+) -> None:
+    """Nor does white furniture that reaches over the edge of a room."""
+    offices: list[Box] = [(100, 60, 220, 180), (420, 60, 220, 180), (100, 360, 220, 180)]
+    tints = ["#e3f2fd", "#fff8e1", "#ffebee"]
+    corridors = [(60, 240, 700, 120), (240, 40, 80, 200), (560, 40, 80, 200), (240, 360, 80, 200)]
+    drawn = [box(at, 'fill="#ecf0f1" stroke="#999"') for at in corridors]
+    drawn += [
+        box(at, f'fill="{tint}" stroke="#1976d2" stroke-width="2"')
+        for at, tint in zip(offices, tints, strict=True)
+    ]
+    desks = [box((x - 4, y + 60, 30, 80), 'fill="white"') for x, y, _, _ in offices]
+    for k, things in enumerate([[], desks]):
+        plan = svg(tmp_path / f"{k}.svg", *drawn, *things)
+        assert shares(plan, sides(*offices))[0] > 0.97
