@@ -84,3 +84,15 @@ def test_a_corridor_under_the_rooms_that_are_laid_over_its_edge_does_not_open_th
     for k, things in enumerate([[], desks]):
         plan = svg(tmp_path / f"{k}.svg", *drawn, *things)
         assert shares(plan, sides(*offices))[0] > 0.97
+
+
+def test_rooms_in_the_middle_of_others_belong_to_the_building(tmp_path: Path) -> None:
+    tint = 'fill="#def" stroke="#222" stroke-width="2"'
+    ring: list[Box] = [(60 + 100 * k, y, 90, 80) for k in range(8) for y in (40, 560)]
+    ring += [(x, 130 + 85 * k, 90, 75) for k in range(5) for x in (60, 760)]
+    inner: list[Box] = [(300 + 100 * k, y, 90, 90) for k in range(3) for y in (250, 350)]
+    legend: list[Box] = [(200, 300 + 12 * k, 8, 8) for k in range(4)]
+    plan = svg(tmp_path / "plan.svg", *(box(at, tint) for at in [*ring, *inner, *legend]))
+    recall, precision = shares(plan, sides(*ring, *inner))
+    assert recall > 0.97
+    assert precision > 0.97

@@ -252,7 +252,8 @@ def _without_holes(area: BaseGeometry) -> BaseGeometry:
 
 
 def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) -> list[BaseGeometry]:
-    """Rooms of the largest group of near neighbours, each once: the samples of a legend stand apart.
+    """Rooms of the largest group of near neighbours, each once, and of groups among them: the samples of a
+    legend stand apart, or are small.
 
     None where there are fewer than three, or they cover little: one or two filled areas and furniture are no
     plan of rooms.
@@ -267,8 +268,13 @@ def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) ->
     rooms = _each_once(rooms)
     a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=0.03 * extent)
     group = connected_groups(a, b, len(rooms))
-    size = np.bincount(group, shapely.area(np.array(rooms)))
-    chosen = [room for room, g in zip(rooms, group, strict=True) if g == size.argmax()]
+    areas, polygons = shapely.area(np.array(rooms)), np.array(rooms, dtype=object)
+    size = np.bincount(group, areas)
+    is_main = group == size.argmax()
+    ground = shapely.convex_hull(shapely.GeometryCollection(list(polygons[is_main])))
+    is_among = np.bincount(group, ~shapely.covers(ground, polygons)) == 0
+    is_among &= size > ROOM_SIZED * np.median(areas[is_main])
+    chosen = list(polygons[is_main | is_among[group]])
     enclosed = shapely.convex_hull(shapely.GeometryCollection(chosen)).area
     covered = shapely.union_all(chosen).area
     is_plan = covered > ROOMS_COVER * enclosed and enclosed > ROOMS_REACH * drawn.area
