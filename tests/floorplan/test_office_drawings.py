@@ -143,7 +143,7 @@ def test_lines_that_cross_at_corners_are_no_axes(tmp_path: Path) -> None:
 
 def test_drawings_without_a_long_line_of_unknown_layer_have_no_axes() -> None:
     none = np.zeros(0, dtype=int)
-    lines = Lines(np.zeros((0, 2, 2)), none, none, none, none.astype(bool), none.astype(bool))
+    lines = Lines(np.zeros((0, 2, 2)), none, none, none, *3 * [none.astype(bool)])
     assert len(lines_of_plain_axes(lines, 1.0)) == 0
 
 

@@ -86,6 +86,26 @@ def test_a_corridor_under_the_rooms_that_are_laid_over_its_edge_does_not_open_th
         assert shares(plan, sides(*offices))[0] > 0.97
 
 
+@pytest.mark.parametrize("step", [25, 50])
+def test_a_pale_grid_under_walls_is_no_hatch_of_a_room(tmp_path: Path, step: int) -> None:
+    outer: Box = (100, 100, 700, 500)
+    walls = [(300, 100, 300, 320), (550, 100, 550, 320), (100, 320, 210, 320), (270, 320, 460, 320),
+             (520, 320, 800, 320), (400, 400, 400, 600)]  # fmt: skip
+    grid = [(x, 100, x, 600) for x in range(100, 801, step)]
+    grid += [(100, y, 800, y) for y in range(100, 601, step)]
+    drawn = [line(at, 'stroke="#e7ebef"') for at in grid]
+    drawn += [box(outer, 'fill="none" stroke="#111" stroke-width="3"')]
+    drawn += [line(at, 'stroke="#111" stroke-width="3"') for at in walls]
+    plan = svg(tmp_path / "plan.svg", *drawn)
+    recall, precision = shares(plan, [*sides(outer), *walls])
+    assert recall > 0.97
+    assert precision > 0.97
+    assert any("pale" in words for words in plan.source.dropped)
+    # Where nothing is darker, pale lines are the walls.
+    pale = svg(tmp_path / "pale.svg", *(each.replace("#111", "#ddd") for each in drawn[-7:]))
+    assert shares(pale, [*sides(outer), *walls])[0] > 0.97
+
+
 def test_rooms_in_the_middle_of_others_belong_to_the_building(tmp_path: Path) -> None:
     tint = 'fill="#def" stroke="#222" stroke-width="2"'
     ring: list[Box] = [(60 + 100 * k, y, 90, 80) for k in range(8) for y in (40, 560)]

@@ -44,6 +44,8 @@ class Lines(Rows):
     """Segment of an arc, a circle or a spline."""
     is_dashed: Bool[np.ndarray, " n"]
     """Drawn with gaps."""
+    is_pale: Bool[np.ndarray, " n"]
+    """As pale as a floor, by a pen no broader than others."""
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -174,7 +176,8 @@ class DrawingBuilder:
         ends = np.concatenate([*self._ends, np.zeros((0, 2, 2))])
         layer, path, style = numbers[:, 0], numbers[:, 1], numbers[:, 2]
         is_curved, is_dashed = numbers[:, 3].astype(bool), numbers[:, 4].astype(bool)
-        lines = Lines(ends, layer, path, style, is_curved, is_dashed)
+        pale = _are_pale(self._pens)[path] if self._pens else is_dashed
+        lines = Lines(ends, layer, path, style, is_curved, is_dashed, pale)
         lines = _uncovered(_clipped(lines, self._clips), self._covers)
         lines, areas = _without_stroke_fills(lines, self._pens)
         lines, bodies = _without_bodies(lines, self._pens)
@@ -187,6 +190,14 @@ class DrawingBuilder:
 def is_dark(colour: tuple[int, int, int] | None) -> bool:
     """Black to light grey, or unknown: colours are for rooms."""
     return colour is None or (max(colour) - min(colour) < 40 and max(colour) < 230)
+
+
+def _are_pale(pens: list[Pen | None]) -> Bool[np.ndarray, " p"]:
+    """Pens as light as floors that are no broader than most of the others."""
+    light = [pen is not None and min(pen.colour or (0,)) >= LIGHT for pen in pens]
+    widths = np.array([0.0 if pen is None else pen.width for pen in pens])
+    is_light = np.array(light)
+    return is_light & (widths <= np.median(widths[~is_light] if not is_light.all() else widths))
 
 
 def _without_stroke_fills(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:

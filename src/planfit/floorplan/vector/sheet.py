@@ -13,6 +13,7 @@ from planfit.floorplan.vector.axes import lines_of_axes, lines_of_plain_axes
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import usual_extent
+from planfit.floorplan.vector.single_lines import SPANNED
 from planfit.geometry import segments
 
 FRAME_LAYER, DIMENSION_LAYER = "frame of the sheet", "lines of dimensions"
@@ -23,6 +24,8 @@ steps of a stair end at its walls."""
 DASHED_LAYER, MOST_DASHED = "dashed lines", 0.35
 """Beams overhead, cupboards on walls, what is below: of the length of the lines; where more is dashed, walls
 are drawn so."""
+PALE_LAYER = "lines as pale as floors"
+"""Grids, and edges of floors."""
 ON, WHOLE = 1e-3, 0.97
 """Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
 MOST_FRAMES = 6
@@ -74,6 +77,7 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
         (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (TABLE_LAYER, of_table),
         (AXIS_LAYER, is_axis),
         (PLAIN_AXIS_LAYER, is_plain), (DASHED_LAYER, _are_dashed(lines, role) & ~is_plain),
+        (PALE_LAYER, _are_pale(lines, role)),
     )  # fmt: skip
     for name, found in kinds:
         found &= role != Role.WALL
@@ -91,6 +95,17 @@ def _are_dashed(lines: Lines, role: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "
     length = segments.lengths(lines.ends)
     few = length[looked_at & lines.is_dashed].sum() < MOST_DASHED * length[looked_at].sum()
     return found & few
+
+
+def _are_pale(lines: Lines, role: Int[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Straight lines as pale as floors, on layers that no name tells, where others go as far."""
+    looked_at = (role != Role.NO_WALL) & ~lines.is_curved
+    found = looked_at & lines.is_pale & (role == Role.UNKNOWN)
+    dark = lines.ends[looked_at & ~lines.is_pale].reshape(-1, 2)
+    if len(dark) == 0 or not found.any():
+        return np.zeros(len(lines), dtype=bool)
+    reach = np.ptp(lines.ends[found].reshape(-1, 2), axis=0)
+    return found & bool((np.ptp(dark, axis=0) >= SPANNED * reach).all())
 
 
 def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:
