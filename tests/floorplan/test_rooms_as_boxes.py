@@ -106,6 +106,20 @@ def test_a_pale_grid_under_walls_is_no_hatch_of_a_room(tmp_path: Path, step: int
     assert shares(pale, [*sides(outer), *walls])[0] > 0.97
 
 
+def test_blocks_of_rooms_that_stand_free_within_an_outline_are_read(tmp_path: Path) -> None:
+    """Drawn as single lines, with cupboards in the hall."""
+    style = 'fill="none" stroke="#111"'
+    outer: Box = (60, 60, 780, 560)
+    rooms = [
+        (x + 90 * k, y, 90, 160) for x in (140, 560) for k in range(2) for y in (180, 340)
+    ]  # fmt: skip
+    cupboards: list[Box] = [(x, 580, 60, 10) for x in range(150, 700, 100)]
+    plan = svg(tmp_path / "plan.svg", *(box(at, style) for at in [outer, *rooms, *cupboards]))
+    recall, precision = shares(plan, sides(outer, *rooms))
+    assert recall > 0.97
+    assert precision > 0.97
+
+
 def test_rooms_in_the_middle_of_others_belong_to_the_building(tmp_path: Path) -> None:
     tint = 'fill="#def" stroke="#222" stroke-width="2"'
     ring: list[Box] = [(60 + 100 * k, y, 90, 80) for k in range(8) for y in (40, 560)]

@@ -23,7 +23,8 @@ MIN_INSIDE, MIN_ENDING = 0.8, 4
 both faces of two walls."""
 BESIDE, MAIN, SPANNED = 0.35, 0.4, 0.7
 """Of the length of rooms drawn by single lines, those with another line beside them, a bed's or a cupboard's;
-of all lines, theirs; of the sides of the drawing, that they span. Of walls drawn as two lines 0.8 have."""
+of all lines, theirs, and of theirs, that of a block of rooms apart; of the sides of the drawing, that they
+span. Of walls drawn as two lines 0.8 have."""
 NETWORK, NETWORK_SHARE, NETWORK_SPANS = 0.1, 0.5, 0.5
 """Rooms of single lines beside walls of two: of the drawing's size, the length of a group of lines that
 touch; of the faces of their layer, the length of all such; of the sides of the drawing, that they span."""
@@ -41,7 +42,7 @@ def single_line_walls(
 ) -> Bool[np.ndarray, " n"]:
     """Lines of the largest group that touch one another, where it spans the drawing and few of them have
     another line beside them: rooms drawn by single lines, whatever stands along some of them; and what stands
-    alone without a closed outline. None otherwise.
+    alone without a closed outline, or is a block of rooms as long. None otherwise.
 
     Args:
         candidates: all lines that were looked at.
@@ -53,7 +54,8 @@ def single_line_walls(
         return np.zeros(0, dtype=bool)
     length = segments.lengths(ends)
     group = groups_within(ends, 1e-3 * extent)
-    found = group == np.bincount(group, length).argmax()
+    main = int(np.bincount(group, length).argmax())
+    found = group == main
     size, whole = (np.ptp(part.reshape(-1, 2), axis=0) for part in (ends[found], ends))
     beside = _lengths_beside(ends, thickness.most, thickness.least)
     is_single = beside[found].sum() < BESIDE * length[found].sum()
@@ -65,7 +67,9 @@ def single_line_walls(
     for other in np.setdiff1d(group, group[found]):
         own = group == other
         areas = shapely.get_parts(shapely.polygonize([shapely.union_all(line_strings(ends[own]))]))
-        found |= own & (len(areas) == 0)
+        is_block = length[own].sum() > MAIN * length[group == main].sum()
+        is_block &= beside[own].sum() < BESIDE * length[own].sum()
+        found |= own & (len(areas) == 0 or bool(is_block))
     return found
 
 
