@@ -120,6 +120,25 @@ def test_blocks_of_rooms_that_stand_free_within_an_outline_are_read(tmp_path: Pa
     assert precision > 0.97
 
 
+@pytest.mark.parametrize(
+    "corner", ['rx="0"', 'rx="2"', 'rx="20"'], ids=["square", "rounded", "round"]
+)
+def test_walls_are_what_is_between_rooms_that_are_boxes_apart(tmp_path: Path, corner: str) -> None:
+    """Their outer sides too, beside which no other line runs; doors are lines of the page's colour."""
+    rooms: list[Box] = [
+        (60, 60, 240, 160), (310, 60, 100, 380), (420, 60, 300, 160), (60, 230, 240, 210),
+        (420, 230, 140, 210), (570, 230, 150, 210),
+    ]  # fmt: skip
+    doors = [(x, y, x, y + 24) for x, y in ((300, 100), (310, 100), (410, 300), (420, 300))]
+    drawn = [box(at, f'fill="none" stroke="#c5b9a8" stroke-width="1.2" {corner}') for at in rooms]
+    drawn += [line(at, 'stroke="#fafaf8" stroke-width="2"') for at in doors]
+    plan = svg(tmp_path / "plan.svg", *drawn)
+    recall, precision = shares(plan, sides(*rooms))
+    assert recall > (0.8 if "20" in corner else 0.95)
+    assert precision > 0.8
+    assert plan.is_oriented.all()
+
+
 def test_rooms_in_the_middle_of_others_belong_to_the_building(tmp_path: Path) -> None:
     tint = 'fill="#def" stroke="#222" stroke-width="2"'
     ring: list[Box] = [(60 + 100 * k, y, 90, 80) for k in range(8) for y in (40, 560)]

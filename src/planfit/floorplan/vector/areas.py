@@ -20,7 +20,7 @@ ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
 MOST_OF_PAGE = 0.5
 """Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it has
-around it."""
+around it. And what one of several rooms is less of."""
 ROOM_SIZED, MUCH_LEFT_OUT = 0.25, 0.1
 """Of the usual room's area, what may be a room; and of the area of all rooms, what is worth a word."""
 ALL_ON, MORE_ON = 0.9, 2.0

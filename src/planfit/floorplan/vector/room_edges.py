@@ -6,10 +6,16 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
-from planfit.floorplan.vector.areas import outside_rooms
+from planfit.floorplan.vector.areas import (
+    MOST_OF_PAGE,
+    MUCH_LEFT_OUT,
+    ROOMS_COVER,
+    outside_rooms,
+)
 from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.line_work import cut_out, ends_of, outlines
+from planfit.floorplan.vector.line_work import cut_out, ends_of, outlines, path_rings
+from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 
 TOUCHING_SHARE = 0.3
@@ -29,6 +35,36 @@ WALLED_SHARE = 0.4
 that end at the faces of walls have next to none."""
 WALLED_ALL_ROUND = 0.75
 """Of the outlines of rooms, what runs along the faces of solid walls where the rest is doors and windows."""
+
+
+def boxed_rooms(lines: Lines, most: float, extent: float) -> list[BaseGeometry]:
+    """Rooms drawn as outlines that stand apart, so that walls are what is between them; none where they
+    touch, cover little of the ground, where one is most of it, or where much else is drawn around them.
+
+    Args:
+        lines: that may be walls, curved ones too, in the order of the file.
+        most: how thick walls may be.
+        extent: of the drawing.
+    """
+    valid, drawn = SelfCrossings().valid, segments.lengths(lines.ends)
+    areas = np.array([
+        valid(shapely.Polygon(ring)) for at, ring, gaps in path_rings(lines.ends, lines.path)
+        if np.linalg.norm(gaps, axis=1).sum() < MUCH_LEFT_OUT * drawn[at].sum()
+    ], dtype=object)  # fmt: skip
+    inner, _ = shapely.STRtree(areas).query(areas, predicate="covered_by")
+    is_outer = np.bincount(inner, minlength=len(areas)) == 1
+    rooms = areas[is_outer & ~shapely.is_empty(shapely.buffer(areas, -most / 2))]
+    if len(rooms) < 3:
+        return []
+    a, b = shapely.STRtree(rooms).query(rooms, predicate="dwithin", distance=4e-4 * extent)
+    ground = shapely.convex_hull(shapely.GeometryCollection(list(rooms)))
+    size = shapely.area(rooms)
+    floors = shapely.buffer(shapely.union_all(rooms), 4e-4 * extent)
+    shapely.prepare(floors)
+    others = drawn[~shapely.covers(floors, line_strings(lines.ends))].sum()
+    is_plan = size.sum() > ROOMS_COVER * ground.area and size.max() < MOST_OF_PAGE * size.sum()
+    is_plan &= others < MUCH_LEFT_OUT * shapely.length(rooms).sum()
+    return list(rooms) if is_plan and (a == b).all() else []
 
 
 def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:

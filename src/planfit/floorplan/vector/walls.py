@@ -37,7 +37,7 @@ from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
 from planfit.floorplan.vector.line_work import cut_out, merge_collinear, usual_extent
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
-from planfit.floorplan.vector.room_edges import drawn_between_rooms
+from planfit.floorplan.vector.room_edges import boxed_rooms, drawn_between_rooms
 from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
 from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
@@ -99,7 +99,7 @@ def walls_of_drawing(
     drawing, swings = replace(drawing, fills=fills), [*swings, *sectors]
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
-    solids, rooms, apart_words = _solids_and_rooms(drawing, roles, lines, is_row, extent)
+    solids, rooms, apart_words = _solids_and_rooms(drawing, roles, lines, is_row, bounds[1], extent)
     opened = open_walls(
         solids, closed_pieces(lines, roles, bounds[1]), lines, drawing.fills, roles, extent
     )
@@ -236,6 +236,7 @@ def _solids_and_rooms(
     roles: list[Role],
     lines: Lines,
     is_row: Bool[np.ndarray, " n"],
+    most: float,
     extent: float,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry], str]:
     """Filled and hatched areas: solid walls, and floors of rooms; and a word on those left out."""
@@ -254,6 +255,8 @@ def _solids_and_rooms(
     drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
     hull = shapely.convex_hull(shapely.GeometryCollection(drawn))
     chosen = main_rooms(rooms, extent, hull)
+    if not walls and not chosen:
+        chosen = boxed_rooms(lines, most, extent)
     return walls, chosen, left_out_rooms(rooms, chosen)
 
 
