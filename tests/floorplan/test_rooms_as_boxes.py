@@ -120,6 +120,24 @@ def test_blocks_of_rooms_that_stand_free_within_an_outline_are_read(tmp_path: Pa
     assert precision > 0.97
 
 
+def test_openings_in_the_group_of_their_wall_do_not_make_furniture_walls(tmp_path: Path) -> None:
+    walls = [(100, 100, 300, 16), (560, 100, 240, 16), (100, 584, 700, 16), (100, 100, 16, 500),
+             (784, 100, 16, 500), (440, 116, 8, 180), (440, 360, 8, 224)]  # fmt: skip
+    dark = 'fill="#111"'
+    groups = [f'<g class="wall">{box(at, dark)}</g>' for at in walls]
+    sills = (line((400, y, 560, y), 'stroke="#777"') for y in (100, 105, 111, 116))
+    groups[0] = f'<g class="wall">{box(walls[0], dark)}<g class="window">{"".join(sills)}</g></g>'
+    door = '<g class="door-leaf" fill="none" stroke="#777"><path d="M440,296 h-64 A64,64 0 0 0 440,360"/></g>'
+    groups[5] = f'<g class="wall">{box(walls[5], dark)}{door}</g>'
+    thin = 'fill="white" stroke="black"'
+    things = [box(at, thin) for at in ((140, 130, 120, 160), (560, 130, 200, 50), (600, 300, 90, 60),
+                                       (140, 480, 200, 80), (150, 140, 50, 30))]  # fmt: skip
+    plan = svg(tmp_path / "plan.svg", *groups, *things)
+    recall, precision = shares(plan, sides(*walls))
+    assert recall > 0.97
+    assert precision > 0.97
+
+
 @pytest.mark.parametrize(
     "corner", ['rx="0"', 'rx="2"', 'rx="20"'], ids=["square", "rounded", "round"]
 )

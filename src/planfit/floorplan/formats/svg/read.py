@@ -248,7 +248,9 @@ def _layer_of(element, layer: str) -> str:
     if _IFC_CLASS.match(kind) and role_of(kind) != Role.UNKNOWN:
         return kind
     if role_of(layer) != Role.UNKNOWN or _IFC_CLASS.match(kind):
-        return layer
+        # A door that is drawn in the group of its wall.
+        is_in_wall = role_of(layer) == Role.WALL and role_of(telling_word(kind)) == Role.OPENING
+        return telling_word(kind) if is_in_wall else layer
     # A window that holds others is one of a program.
     is_window = isinstance(element, Group) and role_of(telling_word(kind)) == Role.OPENING
     name = (_own(element).get("id") or "").replace(" ", "-")
