@@ -167,3 +167,17 @@ def test_rooms_in_the_middle_of_others_belong_to_the_building(tmp_path: Path) ->
     recall, precision = shares(plan, sides(*ring, *inner))
     assert recall > 0.97
     assert precision > 0.97
+
+
+def test_colours_for_dark_pages_and_mixed_ones_are_those_on_paper(tmp_path: Path) -> None:
+    rooms = [box((x, 100, 200, 300), "") for x in (100, 320, 540)]
+    fills = {
+        "light-dark(#def, #121212)": "#def", "color-mix(in srgb, #def 88%, #1c1c1e)": "#def",
+        "color-mix(in oklch, rgb(221 238 255), black 12%)": "#def",
+    }  # fmt: skip
+    for k, (fill, plain) in enumerate(fills.items()):
+        style = "<style>rect {{ fill: {}; stroke: light-dark(rgb(0, 0, 0), #fff); }}</style>"
+        plan = svg(tmp_path / f"{k}.svg", style.format(fill), *rooms)
+        known = svg(tmp_path / f"{k} plain.svg", style.format(plain), *rooms)
+        assert (plan.ends == known.ends).all()
+        assert not any("not understood" in words for words in plan.source.warnings)

@@ -21,6 +21,8 @@ _LONGEST = 200
 """Characters of a length or of a variable: those of real drawings are tens, and a variable may name two."""
 _COLOUR_FUNCTIONS = {"rgb", "rgba", "hsl", "hsla", "hwb"}
 """Others have no red, green and blue without the colours of a screen."""
+_OF_COLOURS = {"light-dark": 0, "color-mix": 1}
+"""Which part is taken of functions of colours: what is on paper, and what something is mixed into."""
 _TILED = "#404040"
 """Of areas filled with a pattern: their shape tells what they are."""
 _MAX_STEPS = 8
@@ -123,6 +125,10 @@ def plain_colour(text: str, by_id: Mapping[str, ET.Element]) -> str | None:
     [token] = tokens
     if token.type == "ident" and token.lower_value in ("none", "inherit"):
         return token.lower_value
+    if token.type == "function" and token.lower_name in _OF_COLOURS:
+        first = [part for _, part in split(token.arguments, ",")][_OF_COLOURS[token.lower_name]]
+        solid = [one for one in first if one.type not in ("whitespace", "percentage")]
+        return plain_colour(tinycss2.serialize(solid), by_id)
     if token.type == "function" and token.lower_name not in _COLOUR_FUNCTIONS:
         return None
     colour: Any = parse_color(token)
