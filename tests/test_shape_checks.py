@@ -1,4 +1,4 @@
-"""Annotations are checked in each test, but not at every call of what is called for every edge of a picture."""
+"""Annotations are checked in each test, but not at every call of small functions."""
 
 import numpy as np
 import pytest

@@ -143,6 +143,32 @@ def test_poses_that_never_change_are_said_to_say_nothing(rng):
     assert judged(still, measure(still, rng)).doubt is None
 
 
+@pytest.mark.parametrize("images_a_pose", [1.4, 2.0, 3.0, 3.5])
+def test_poses_at_a_lower_rate_than_images_are_read_between(rng, images_a_pose):
+    """Three images a pose ended 12 m off, with 45 lines of jumps that were corrected."""
+    whole, part = np.divmod(np.arange(120) / 6, 1)
+    coarse, at = walk(rng, 25), whole.astype(int)
+    true = se3.interpolate(coarse[at], coarse[at + 1], part)
+    first = np.unique(np.floor(np.arange(120) / images_a_pose), return_index=True)[1]
+    held = true[first[np.searchsorted(first, np.arange(120), side="right") - 1]]
+    tracking = judged(held, measure(true, rng))
+    assert tracking.breaks == ()
+    assert tracking.doubt is None
+    assert tracking.n_held == 120 - len(first)
+    assert PoseKind.POSES_HELD in [each.kind for each in tracking.findings]
+    before, after = (errors_m(each, true) for each in (held, tracking.world_from_cams))
+    assert np.median(after) < 0.3 * np.median(before)
+    assert np.allclose(tracking.recorded_world_from_cams[first], true[first])
+
+
+def test_images_that_repeat_with_their_poses_are_no_lower_rate(rng):
+    true, poses = recorded_walk(rng, 40)
+    twice = np.repeat(poses, 2, axis=0)
+    tracking = judged(twice, measure(np.repeat(true, 2, axis=0), rng))
+    assert tracking.n_held == 0
+    assert np.array_equal(tracking.world_from_cams, twice)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_images_that_tell_nothing_leave_poses_as_they_are(rng, n):
     poses = np.repeat(walk(rng, 2)[:1], n, axis=0)

@@ -71,6 +71,10 @@ class PoseKind(Kind):
         "export the scan with its poses, or give those of another tracker with --poses",
         joint=": ",
     )
+    POSES_HELD = note(
+        "the recorded poses come at a lower rate than images: {held_count} of {frame_count} frames "
+        "repeat the pose before while the images move; their poses were interpolated"
+    )
     MOTIONS_UNEXPLAINED = reservation(
         "the recorded poses explain only {explained_share:.0%} of {motion_count} motions between "
         "neighbouring images, and no usual convention explains more",

@@ -24,6 +24,7 @@ from planfit.tracking.conventions import (
 from planfit.tracking.lost import Filled, fill_lost, void_steps
 from planfit.tracking.lost_runs import (
     LostRun,
+    between_held,
     count_repeated,
     find_lost_runs,
     is_identity,
@@ -198,17 +199,22 @@ def judge_tracking(
             says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
-    is_at_origin = is_identity(world_from_cams)
-    motions = without_leaps(motions, world_from_cams)
-    told = _over_told_steps(motions, ~stands_still(world_from_cams))
     times = frame_times(
         np.arange(float(len(world_from_cams))) if timestamps is None else timestamps
     )
+    motions = without_leaps(motions, world_from_cams)
+    held = between_held(world_from_cams, times.intervals, motions) if options.mend else None
+    n_held = 0 if held is None else int(stands_still(world_from_cams).sum())
+    world_from_cams, held_sigmas = held or (world_from_cams, None)
+    is_at_origin = is_identity(world_from_cams)
+    told = _over_told_steps(motions, ~stands_still(world_from_cams))
     clocked = _Clocked(times, is_at_origin, motions, told, odometry, keyframe_idx, options)
     chosen, fit, clock = _convention(name, world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
+    if held_sigmas is not None:
+        read_sigmas = np.hypot(held_sigmas, 0.0 if read_sigmas is None else read_sigmas)
     tracker = _Tracker(odometry, read_sigmas, (1.0, 1.0), timestamps, keyframe_idx)
     tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker)
@@ -228,6 +234,7 @@ def judge_tracking(
         open_steps=filled.open_steps,
         linked=filled.linked,
         n_repeated=count_repeated(recorded, motions),
+        n_held=n_held,
     )
 
 

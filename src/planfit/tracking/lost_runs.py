@@ -13,11 +13,15 @@ from jaxtyping import Bool, Float, Int
 from planfit.geometry import se3
 from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking.motions import MAX_SIGMAS, MIN_MATCHES_ALONE, MeasuredMotions, squared_sigmas
+from planfit.tracking.trajectory import interpolation_sigmas
 
 SAME = 1e-9
 """Poses of a camera that is only held still differ by more."""
 MIN_FRAMES = 3
 """Two equal poses in a row are one pose for two images, as some formats have it."""
+HELD_SHARE = 0.9
+"""Poses come at a rate of their own where so many frames are held as long as each other, but for one: of a
+pose at 10 Hz, three or four images at 35."""
 MAX_SHARE = 0.5
 """A scan with more lost frames has no recorded poses to speak of, and stays as it is."""
 LEAST_STEP = 1e-3
@@ -81,6 +85,39 @@ def count_repeated(recorded: Poses, motions: MeasuredMotions) -> int:
     still = motions[np.flatnonzero(n_steps[motions.pairs[:, 0]] == n_steps[motions.pairs[:, 1]])]
     is_most = len(is_same) > 0 and is_same.mean() > MAX_SHARE
     return int(is_same.sum()) if is_most and moves(still) else 0
+
+
+def between_held(
+    recorded: Poses, times: Float[np.ndarray, " n"], motions: MeasuredMotions
+) -> tuple[Poses, Float[np.ndarray, "n 2"]] | None:
+    """Poses that came at a lower rate than images and are held between, read at the images' times instead,
+    and how far they may be off (rad, m, each axis); None where each frame has its own, or they stand still
+    for other reasons.
+
+    Args:
+        recorded: poses.
+        times: of the frames, in any unit.
+        motions: measured between neighbouring frames.
+    """
+    is_same = stands_still(recorded)
+    # Each pose is of the first image that has it.
+    first = np.concatenate([[0], 1 + np.flatnonzero(~is_same)])
+    n_held = np.diff(first)
+    if len(n_held) < MIN_FRAMES or not is_same.any():
+        return None
+    least = np.quantile(n_held, 1 - HELD_SHARE)
+    alike = n_held[(n_held >= least) & (n_held <= least + 1)]
+    held = np.cumsum(np.concatenate([[0], ~is_same]))
+    still = motions[np.flatnonzero(held[motions.pairs[:, 0]] == held[motions.pairs[:, 1]])]
+    if alike.max() < 2 or alike.sum() < HELD_SHARE * n_held.sum() or not moves(still):
+        return None
+    before = np.minimum(held, len(first) - 2)
+    a, b = first[before], first[before + 1]
+    share = (times - times[a]) / (times[b] - times[a])
+    half = np.diff(times[first], append=times[first[-1]]) / 2
+    middle = interpolation_sigmas(recorded[first], times[first], half, np.full(len(n_held), True))
+    sigmas = 4 * np.abs(share * (1 - share))[:, None] * middle[before]
+    return se3.interpolate(recorded[a], recorded[b], share), sigmas
 
 
 def is_identity(poses: Poses) -> Bool[np.ndarray, " n"]:

@@ -77,6 +77,9 @@ class Tracking:
     n_repeated: int = 0
     """Frames that repeat the pose before while the images move, where these are most frames; fewer are lost
     frames among `breaks`."""
+    n_held: int = 0
+    """Frames that repeated the pose before because poses came at a lower rate than images; they were read
+    between these."""
     linked: tuple[tuple[int, int], ...] = ()
     """Frames before and after lost ones between which the tracker knew its motion."""
 
@@ -142,6 +145,10 @@ class Tracking:
             found.append(Finding(PoseKind.MOUNT_FOUND, facts))
         elif self.convention != "recorded":
             found.append(Finding(PoseKind.CONVENTION_TAKEN, {"convention": self.convention}))
+        if self.n_held:
+            n = len(self.world_from_cams)
+            facts = {"held_count": self.n_held, "frame_count": n}
+            found.append(Finding(PoseKind.POSES_HELD, facts))
         if self.clock is not None:
             found.append(self.clock.finding)
         if self.doubt is not None:

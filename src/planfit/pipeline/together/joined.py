@@ -243,6 +243,7 @@ def join_trackings(
         undecided_steps=undecided,
         contradicted_steps=contradicted,
         n_repeated=sum(t.n_repeated for t in trackings),
+        n_held=sum(t.n_held for t in trackings),
         # Between the scans nothing was tracked, but what is placed of each is placed against the others.
         linked=(*own_links, *((mains[0], other) for other in mains[1:])),
     )
