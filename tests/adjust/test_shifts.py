@@ -11,7 +11,7 @@ from planfit.adjust.alternation import PlanTask, alternate
 from planfit.adjust.association import AssociationOptions, PatchesOnPlan
 from planfit.adjust.competition import best_of_starts, full_cost, limits
 from planfit.adjust.moved_walls import PRICE
-from planfit.adjust.shifts import other_places
+from planfit.adjust.shifts import on_other_copy, other_places
 from planfit.floorplan import Floorplan
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -205,3 +205,36 @@ def test_control_points_speak_against_another_place(one_against_one):
     held = PosePriorTerm(np.arange(len(poses)), poses, np.full(6, 0.01))
     found = best_of_starts(replace(task, extra_terms=(held,)), poses)
     assert all(rival.odds < 0.1 for rival in found.rivals)
+
+
+@pytest.mark.parametrize("by_m", [(0.0, MOVED_M), (-0.8, 0.0), (-0.25, -0.2)])
+def test_a_plan_that_is_drawn_twice_has_two_places(by_m):
+    drawn = [2.0, 4.0, 6.0]
+    poses, structure = seen_walls(drawn)
+    once = parallel_plan(drawn)
+    assert on_other_copy(on_plan(structure, once, poses)) is None
+    twice = Floorplan.from_segments(
+        np.concatenate([once.ends, once.ends + by_m]), np.concatenate([once.normals] * 2)
+    )
+    np.testing.assert_allclose(on_other_copy(on_plan(structure, twice, poses)), by_m, atol=0.01)
+    measured = Measurements(
+        make_matches(poses, [], np.zeros((0, 3))),
+        structure,
+        make_odometry(poses, OdometryOptions()),
+    )
+    task = PlanTask(measured, twice, AdjustOptions(), np.full(len(poses), np.nan))
+    found = best_of_starts(task, poses)
+    apart_m = [
+        rival.plan_from_cams[:, :2, 3] - found.best.plan_from_cams[:, :2, 3]
+        for rival in found.rivals
+        if rival.odds > 0.5
+    ]
+    assert any(np.allclose(each.mean(axis=0), by_m, atol=0.03) for each in apart_m)
+
+
+def test_walls_that_stand_for_themselves_have_no_other_copy():
+    """A second line before one of three walls, as of cupboards, is no copy of the plan."""
+    drawn = [2.0, 4.0, 6.0]
+    poses, structure = seen_walls(drawn)
+    cupboards = parallel_plan([*drawn, 6.0 - MOVED_M])
+    assert on_other_copy(on_plan(structure, cupboards, poses)) is None

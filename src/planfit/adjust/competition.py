@@ -25,7 +25,7 @@ from planfit.adjust.alternation import (
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.moved_walls import PRICE, wall_numbers
 from planfit.adjust.problem import build_problem
-from planfit.adjust.shifts import Shift, other_places
+from planfit.adjust.shifts import Shift, on_other_copy, other_places
 from planfit.adjust.terms.walls import observations_of
 from planfit.adjust.voting import MAX_SHIFT_M, PATCHES_PER_STRETCH, vote
 from planfit.lsq.covariance import covariances
@@ -144,12 +144,17 @@ def _decided(task: PlanTask, ends: list[Alternation]) -> Competition:
 
 
 def _with_other_places(task: PlanTask, found: Competition) -> Competition:
-    """Also where the whole scan fits if other walls were moved; there, if more walls stand as drawn."""
+    """Also where the whole scan fits if other walls were moved; there, if more walls stand as drawn. And on
+    the other copy of a plan that is drawn twice, whichever costs less."""
+    copy_m = on_other_copy(task.walls_at(found.best.plan_from_cams))
+    if copy_m is not None:
+        again = _elsewhere(task, found.best, copy_m)
+        if not _is_same(task, found.best, again):
+            decided = _decided(task, [found.best, again])
+            found = replace(decided, rivals=(*found.rivals, *decided.rivals))
     shifts = _other_places(task, found.best)
     if shifts and shifts[0].n_for > shifts[0].n_against:
-        start = _shifted(found.best.plan_from_cams, shifts[0])
-        again = alternate(task, start, task.options.wall_distances_m[-1:])
-        again = without_moved_walls(task, again)
+        again = _elsewhere(task, found.best, shifts[0].by_m)
         if full_cost(task, again) < full_cost(task, found.best):
             found = _decided(task, [again, found.best])
             shifts = _other_places(task, found.best)
@@ -157,7 +162,7 @@ def _with_other_places(task: PlanTask, found: Competition) -> Competition:
     held = robust_cost(task.extra_terms, placed)
     rivals = []
     for shift in shifts[:MAX_SHIFTED_RIVALS]:
-        there = _shifted(placed, shift)
+        there = _shifted(placed, shift.by_m)
         more = RIVAL_COST * shift.unlikeliness + robust_cost(task.extra_terms, there) - held
         rivals.append(Rival(there, max(more, 0.0)))
     return replace(found, rivals=(*found.rivals, *rivals))
@@ -168,11 +173,17 @@ def _other_places(task: PlanTask, end: Alternation) -> tuple[Shift, ...]:
     return () if moved_m is None else other_places(task.walls_at(end.plan_from_cams), moved_m)
 
 
+def _elsewhere(task: PlanTask, end: Alternation, by_m: Float[np.ndarray, " 2"]) -> Alternation:
+    """Where an adjustment ends that starts so far beside where another one ended."""
+    start = _shifted(end.plan_from_cams, by_m)
+    return without_moved_walls(task, alternate(task, start, task.options.wall_distances_m[-1:]))
+
+
 def _shifted(
-    plan_from_cams: Float[np.ndarray, "n 4 4"], shift: Shift
+    plan_from_cams: Float[np.ndarray, "n 4 4"], by_m: Float[np.ndarray, " 2"]
 ) -> Float[np.ndarray, "n 4 4"]:
     there = plan_from_cams.copy()
-    there[:, :2, 3] += shift.by_m
+    there[:, :2, 3] += by_m
     return there
 
 

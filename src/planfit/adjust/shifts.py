@@ -1,4 +1,5 @@
-"""Where else a whole scan fits the plan, if other walls were moved than those taken for it.
+"""Where else a whole scan fits the plan: if other walls were moved than those taken for it, or on the other
+copy of a plan that is drawn twice, as two states of a building that lie over each other on a sheet.
 
 A scan that shows two parallel walls, one of them moved, fits the plan in two places: with either wall as
 drawn and the other elsewhere. No cost of patches tells which, as all patches of a wall err alike. What tells
@@ -28,6 +29,11 @@ SAME_SHIFT_M = 0.1
 """Shifts that differ by less are one."""
 MAX_SHIFTS = 64
 """So many are tried, those that most wall patches ask for first."""
+MOST_TWINS = 8
+"""Distances between parallel faces that are tried, those of most patches: two of a plan drawn twice."""
+TWICE_SHARE = 0.7
+"""A plan is drawn twice for a scan that finds this share of its wall on faces elsewhere, too: 0.79 to 1.05 of
+four flats drawn twice, at most 0.44 of seven real and rendered buildings."""
 ACROSS = 0.5
 """Two shifts are combined where the cosine between them is below this."""
 USUALLY_MOVED, USUALLY_STANDING = 1.0, 9.0
@@ -62,7 +68,9 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     patch, face, distance_m = beside_faces(seen, 1.5 * MAX_OFFSET_M)
     tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     shifts = np.concatenate([np.zeros((1, 2)), tried])
-    as_drawn = _as_drawn(patch, face, distance_m, shifts, floorplan.normals)
+    held = _held(patch, face, distance_m, shifts, floorplan.normals)
+    as_drawn = np.stack([np.bincount(f[f >= 0], minlength=len(floorplan)) for f in held])
+    as_drawn = as_drawn >= MIN_PATCHES
     is_moved = np.isfinite(moved_m)
     faces = np.flatnonzero(as_drawn.any(axis=0) | is_moved)
     wall_of_face = wall_numbers(faces, floorplan)
@@ -90,6 +98,33 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     return tuple(sorted(found, key=lambda shift: (shift.n_against - shift.n_for, *abs(shift.by_m))))
 
 
+def on_other_copy(seen: PatchesOnPlan) -> Float[np.ndarray, " 2"] | None:
+    """The shift (m) under which a scan finds nearly as much of its wall drawn again; None for none.
+
+    Args:
+        seen: patches of wall where the adjustment ended, on the plan as drawn.
+    """
+    if len(seen.patches) == 0:
+        return None
+    normals = seen.floorplan.normals
+    patch, face, distance_m = beside_faces(seen, 1.5 * MAX_OFFSET_M)
+    is_apart = np.abs(distance_m) >= SAME_SHIFT_M
+    wanted = -distance_m[is_apart, None] * normals[face[is_apart]]
+    cells = np.round(wanted / WITHIN_M)
+    _, of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
+    most = np.argsort(-counts, kind="stable")[:MOST_TWINS]
+    tried = _tried(np.array([np.median(wanted[of == one], axis=0) for one in most]).reshape(-1, 2))
+    shifts = np.concatenate([np.zeros((1, 2)), tried])
+    here, *there = _held(patch, face, distance_m, shifts, normals)
+    n_found = np.zeros(len(tried), dtype=int)
+    for k, held in enumerate(there):
+        # What a shift runs along is found before and after.
+        is_across = np.abs(normals @ tried[k]) > SAME_SHIFT_M / 2
+        n, n_here = (int(is_across[faces[faces >= 0]].sum()) for faces in (held, here))
+        n_found[k] = n if n >= max(TWICE_SHARE * n_here, MIN_PATCHES) else 0
+    return tried[np.argmax(n_found)] if n_found.any() else None
+
+
 def _log_odds(n_moved: int, n_moved_there: int, n_walls: int) -> float:
     """Logarithm of how much likelier it is that so many of the walls seen were moved than so many others.
 
@@ -108,7 +143,7 @@ def _tried(wanted: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:
         for a, b in combinations(single, 2)
         if abs(a @ b) < ACROSS * np.linalg.norm(a) * np.linalg.norm(b)
     ]
-    return np.array(_distinct([*single, *both])[:MAX_SHIFTS])
+    return np.array(_distinct([*single, *both])[:MAX_SHIFTS]).reshape(-1, 2)
 
 
 def _distinct(shifts: Iterable[Float[np.ndarray, " 2"]]) -> list[Float[np.ndarray, " 2"]]:
@@ -119,22 +154,21 @@ def _distinct(shifts: Iterable[Float[np.ndarray, " 2"]]) -> list[Float[np.ndarra
     return kept
 
 
-def _as_drawn(
+def _held(
     patch: Int[np.ndarray, " c"],
     face: Int[np.ndarray, " c"],
     distance_m: Float[np.ndarray, " c"],
     shifts: Float[np.ndarray, "s 2"],
     normals: Float[np.ndarray, "f 2"],
-) -> Bool[np.ndarray, "s f"]:
-    """Whether enough wall patches lie on each face after each shift, each on the nearest."""
-    found = np.zeros((len(shifts), len(normals)), dtype=bool)
+) -> Int[np.ndarray, "s k"]:
+    """The face that each patch lies on after each shift, the nearest; -1 where it lies on none."""
+    found = np.full((len(shifts), patch.max(initial=-1) + 1), -1)
     for k, shift in enumerate(shifts):
         off_m = np.abs(distance_m + normals[face] @ shift)
         order = np.lexsort((off_m, patch))
-        is_nearest = np.zeros(len(patch), dtype=bool)
-        is_nearest[order[np.unique(patch[order], return_index=True)[1]]] = True
-        is_on = is_nearest & (off_m < WITHIN_M)
-        found[k] = np.bincount(face[is_on], minlength=len(normals)) >= MIN_PATCHES
+        nearest = order[np.unique(patch[order], return_index=True)[1]]
+        nearest = nearest[off_m[nearest] < WITHIN_M]
+        found[k, patch[nearest]] = face[nearest]
     return found
 
 
