@@ -238,3 +238,9 @@ def test_walls_that_stand_for_themselves_have_no_other_copy():
     poses, structure = seen_walls(drawn)
     cupboards = parallel_plan([*drawn, 6.0 - MOVED_M])
     assert on_other_copy(on_plan(structure, cupboards, poses)) is None
+
+
+def test_the_one_wall_that_is_drawn_elsewhere_is_no_other_copy():
+    """Nothing of the scan lies on the plan across the shift that would bring it there."""
+    poses, structure = seen_walls([2.0])
+    assert on_other_copy(on_plan(structure, parallel_plan([2.9]), poses)) is None

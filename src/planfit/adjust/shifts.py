@@ -31,9 +31,9 @@ MAX_SHIFTS = 64
 """So many are tried, those that most wall patches ask for first."""
 MOST_TWINS = 8
 """Distances between parallel faces that are tried, those of most patches: two of a plan drawn twice."""
-TWICE_SHARE = 0.7
-"""A plan is drawn twice for a scan that finds this share of its wall on faces elsewhere, too: 0.79 to 1.05 of
-four flats drawn twice, at most 0.44 of seven real and rendered buildings."""
+TWICE_SHARE = 0.6
+"""A plan is drawn twice for a scan that finds this share of its wall on faces elsewhere, too: from 0.74 on of
+flats drawn twice, at most 0.44 of seven real and rendered buildings."""
 ACROSS = 0.5
 """Two shifts are combined where the cosine between them is below this."""
 USUALLY_MOVED, USUALLY_STANDING = 1.0, 9.0
@@ -119,9 +119,10 @@ def on_other_copy(seen: PatchesOnPlan) -> Float[np.ndarray, " 2"] | None:
     n_found = np.zeros(len(tried), dtype=int)
     for k, held in enumerate(there):
         # What a shift runs along is found before and after.
-        is_across = np.abs(normals @ tried[k]) > SAME_SHIFT_M / 2
-        n, n_here = (int(is_across[faces[faces >= 0]].sum()) for faces in (held, here))
-        n_found[k] = n if n >= max(TWICE_SHARE * n_here, MIN_PATCHES) else 0
+        is_moved = (here >= 0) & (np.abs(normals[here] @ tried[k]) > SAME_SHIFT_M / 2)
+        n, n_again = int(is_moved.sum()), int((is_moved & (held >= 0)).sum())
+        if n >= MIN_PATCHES and n_again >= TWICE_SHARE * n:
+            n_found[k] = n_again
     return tried[np.argmax(n_found)] if n_found.any() else None
 
 

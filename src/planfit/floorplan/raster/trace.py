@@ -68,7 +68,7 @@ def straight_lengths(
     length = np.hypot(*np.diff(points, axis=0).T)
     # Two points in sequence are an edge where they are of one ring.
     is_long = (ring[1:] == ring[:-1]) & (length >= np.broadcast_to(least_px, len(regions))[own])
-    return np.bincount(own[is_long], length[is_long], len(regions))
+    return np.bincount(own[is_long], length[is_long], len(regions)).astype(float)  # of none: int
 
 
 def _area(contour: Int[np.ndarray, "n 1 2"], reach: float) -> BaseGeometry:
