@@ -46,8 +46,6 @@ _MAX_FORM_DEPTH = 12
 _CANNOT_TELL = 7
 _OPEN_PAGE = f"""
 import sys
-from planfit.units import INCH_M
-from planfit.units import INCH_M
 try:
     import pypdfium2 as pdfium
 except ImportError:
