@@ -81,10 +81,18 @@ def stands_still(recorded: Poses) -> Bool[np.ndarray, " s"]:
 def count_repeated(recorded: Poses, motions: MeasuredMotions) -> int:
     """How many frames repeat the pose before though the images move, where these are too many to be lost."""
     is_same = stands_still(recorded)
-    n_steps = np.concatenate([[0], np.cumsum(~is_same)])
-    still = motions[np.flatnonzero(n_steps[motions.pairs[:, 0]] == n_steps[motions.pairs[:, 1]])]
     is_most = len(is_same) > 0 and is_same.mean() > MAX_SHARE
-    return int(is_same.sum()) if is_most and moves(still) else 0
+    return int(is_same.sum()) if is_most and moves(_within_runs(_run_of(is_same), motions)) else 0
+
+
+def _run_of(is_same: Bool[np.ndarray, " s"]) -> Int[np.ndarray, " n"]:
+    """Of each frame the number of its run of frames with one pose."""
+    return np.concatenate([[0], np.cumsum(~is_same)])
+
+
+def _within_runs(run: Int[np.ndarray, " n"], motions: MeasuredMotions) -> MeasuredMotions:
+    """Motions between two frames of one run."""
+    return motions[np.flatnonzero(run[motions.pairs[:, 0]] == run[motions.pairs[:, 1]])]
 
 
 def between_held(
@@ -107,11 +115,11 @@ def between_held(
         return None
     least = np.quantile(n_held, 1 - HELD_SHARE)
     alike = n_held[(n_held >= least) & (n_held <= least + 1)]
-    held = np.cumsum(np.concatenate([[0], ~is_same]))
-    still = motions[np.flatnonzero(held[motions.pairs[:, 0]] == held[motions.pairs[:, 1]])]
-    if alike.max() < 2 or alike.sum() < HELD_SHARE * n_held.sum() or not moves(still):
+    run = _run_of(is_same)
+    is_regular = alike.max() >= 2 and alike.sum() >= HELD_SHARE * n_held.sum()
+    if not is_regular or not moves(_within_runs(run, motions)):
         return None
-    before = np.minimum(held, len(first) - 2)
+    before = np.minimum(run, len(first) - 2)
     a, b = first[before], first[before + 1]
     share = (times - times[a]) / (times[b] - times[a])
     half = np.diff(times[first], append=times[first[-1]]) / 2
