@@ -3,10 +3,13 @@ in the groups of walls."""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import shapely
 
 from planfit.floorplan import Floorplan, read_floorplan
+from planfit.floorplan.vector.areas import HIDDEN, uppermost
+from planfit.floorplan.vector.drawing import Fill
 
 Box = tuple[float, float, float, float]
 Line = tuple[float, float, float, float]
@@ -181,3 +184,31 @@ def test_colours_for_dark_pages_and_mixed_ones_are_those_on_paper(tmp_path: Path
         known = svg(tmp_path / f"{k} plain.svg", style.format(plain), *rooms)
         assert (plan.ends == known.ends).all()
         assert not any("not understood" in words for words in plan.source.warnings)
+
+
+@pytest.mark.parametrize("fill", ["color-mix(red)", "color-mix()", "light-dark()", "light-dark(,)"])
+def test_a_broken_mix_of_colours_is_one_style_that_is_not_understood(
+    tmp_path: Path, fill: str
+) -> None:
+    rooms = [box((x, 100, 200, 300), 'fill="#def" stroke="#000"') for x in (100, 320, 540)]
+    known = svg(tmp_path / "known.svg", *rooms)
+    plan = svg(tmp_path / "plan.svg", *rooms, box((150, 150, 9, 9), f'fill="{fill}"'))
+    assert any("not understood" in words for words in plan.source.warnings)
+    apart = np.abs(plan.ends[:, None] - known.ends).max(axis=(2, 3)).min(axis=0)
+    assert apart.max() < 1e-6
+
+
+def test_of_a_pile_of_floors_that_stay_which_show() -> None:
+    rng = np.random.default_rng(5)
+    low, size = rng.uniform(0, 6, (150, 2)), rng.uniform(1, 4, (150, 2))
+    fills = tuple(Fill(shapely.box(*a, *(a + b)), 0, (220, 230, 240), True)
+                  for a, b in zip(low, size, strict=True))  # fmt: skip
+    shown = []
+    for k, fill in enumerate(fills):
+        above = shapely.union_all([other.polygon for other in fills[k + 1 :]])
+        if fill.polygon.difference(above).area > HIDDEN * fill.polygon.area:
+            shown.append(fill)
+    found = uppermost(fills)
+    assert 3 < len(found) == len(shown) < 60
+    assert all(fill.polygon.covers(one.polygon.buffer(-1e-9))
+               for fill, one in zip(shown, found, strict=True))  # fmt: skip

@@ -126,8 +126,12 @@ def plain_colour(text: str, by_id: Mapping[str, ET.Element]) -> str | None:
     if token.type == "ident" and token.lower_value in ("none", "inherit"):
         return token.lower_value
     if token.type == "function" and token.lower_name in _OF_COLOURS:
-        first = [part for _, part in split(token.arguments, ",")][_OF_COLOURS[token.lower_name]]
-        solid = [one for one in first if one.type not in ("whitespace", "percentage")]
+        part = [part for _, part in split(token.arguments, ",")][_OF_COLOURS[token.lower_name] :][
+            :1
+        ]
+        solid = [
+            one for each in part for one in each if one.type not in ("whitespace", "percentage")
+        ]
         return plain_colour(tinycss2.serialize(solid), by_id)
     if token.type == "function" and token.lower_name not in _COLOUR_FUNCTIONS:
         return None
