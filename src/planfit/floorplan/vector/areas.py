@@ -204,18 +204,27 @@ def uppermost(fills: tuple[Fill, ...]) -> tuple[Fill, ...]:
     under, over = shapely.STRtree(polygons[upper]).query(polygons, predicate="intersects")
     over = upper[over]
     is_under = is_floor[under] & (under < over)
-    under, over = under[is_under], over[is_under]
+    order = np.argsort(under[is_under], kind="stable")
+    floors, begin = np.unique(under[is_under][order], return_index=True)
+    # Of no floors there is one part, empty.
+    parts = np.split(over[is_under][order], begin[1:])
+    over_of = dict(zip(floors.tolist(), parts, strict=False))
+    rest_of, is_hidden = {}, np.zeros(len(fills), dtype=bool)
+    # From the top down: what is hidden whole hides nothing more, so that of a pile few are joined.
+    for k in reversed(over_of):
+        on_it = over_of[k][~is_hidden[over_of[k]]]
+        rest_of[k] = shapely.difference(polygons[k], shapely.union_all(polygons[on_it]))
+        is_hidden[k] = rest_of[k].is_empty
     shown = list(fills)
-    for k in np.unique(under):
-        on_it = polygons[over[under == k]]
-        rest = shapely.difference(polygons[k], shapely.union_all(on_it))
+    for k, on_it in over_of.items():
+        rest = rest_of[k]
         if shapely.area(rest) > HIDDEN * shapely.area(polygons[k]):
-            tinted = [i for i in over[under == k] if not _is_white(fills[i].colour)]
+            tinted = [i for i in on_it if not _is_white(fills[i].colour)]
             over_edge = polygons[tinted][~shapely.covers(polygons[k], polygons[tinted])]
             rest = shapely.difference(polygons[k], shapely.union_all(over_edge))
         else:
             rest = shapely.Polygon()
-            for white in (i for i in over[under == k] if _is_white(fills[i].colour)):
+            for white in (i for i in on_it if _is_white(fills[i].colour)):
                 shown[white] = replace(shown[white], colour=fills[k].colour)
         shown[k] = replace(shown[k], polygon=rest)
     return tuple(fill for fill in shown if not fill.polygon.is_empty)
