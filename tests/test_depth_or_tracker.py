@@ -16,14 +16,17 @@ from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
 from planfit.matching.verify import match_sigma
 from planfit.pipeline.depth_or_tracker import (
+    as_if_asked,
     corrected_pairs,
     errs,
     errs_clearly_less,
+    is_taken_for_mount,
     sensor_by_neighbours,
 )
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking import Tracking, judge_tracking, measured_motions
 from planfit.tracking.conventions import ConventionFit
+from planfit.tracking.mounts import mount_named
 from planfit.tracking.types import TrackingBreak
 
 OPTIONS = RefineOptions().with_("odometry.sigma_base_m", 0.002).with_("odometry.sigma_per_m", 0.005)
@@ -57,7 +60,7 @@ def judged(verified, recorded, sensor=NOMINAL):
 
 def asked_for(verified, recorded):
     steps = make_odometry(recorded, OPTIONS.odometry)
-    return sensor_by_neighbours(verified, recorded, steps, (CAMERA,) * N, OPTIONS)
+    return sensor_by_neighbours(verified, recorded, steps, (CAMERA,) * N, OPTIONS).sensor
 
 
 def test_depth_that_bends_motions_is_found_and_the_tracker_believed_again(world):
@@ -93,7 +96,7 @@ def test_rays_and_scans_without_pairs_ask_nothing(world):
     rays = RefineOptions().with_("adjust.geometric", "rays")
     steps = make_odometry(recorded, OdometryOptions())
     pairs = pairs_of(world.measured_by(BENT))
-    assert sensor_by_neighbours(pairs, recorded, steps, (CAMERA,) * N, rays).is_nominal
+    assert sensor_by_neighbours(pairs, recorded, steps, (CAMERA,) * N, rays).sensor.is_nominal
 
 
 JUMPED = Finding(PoseKind.REVISITS_CONTRADICT_MOTION, frames=((3, 4),))
@@ -146,3 +149,38 @@ def test_a_unit_is_not_put_down_to_depth(world, metres):
     as_lifted = judged(pairs_of(world), own)
     assert as_lifted.metres_per_unit == pytest.approx(metres, rel=0.02)
     assert asked_for(pairs_of(world), own).is_nominal
+
+
+def test_a_lens_is_preferred_to_a_camera_carried_askew(world):
+    """15 px of 320 off centre looked like a camera 2 degrees askew and 0.12 m beside the body."""
+    body_from_cam = se3.make_transform(
+        se3.exp_so3(np.array([0.0, 0.035, 0.0])), np.array([0.12, 0.0, 0.0])
+    )
+    mount, cameras = mount_named(body_from_cam), world.plan_from_cams
+    fit = ConventionFit(mount, 0.98, "recorded", 0.84, 300, 0.5)
+    of_body = Tracking(
+        cameras @ body_from_cam,
+        cameras @ body_from_cam,
+        make_odometry(cameras @ body_from_cam, OdometryOptions()),
+        mount,
+        convention_fit=fit,
+    )
+    assert is_taken_for_mount(of_body)
+    assert errs(of_body)
+    assert_allclose(as_if_asked(of_body.recorded_world_from_cams, of_body), cameras, atol=1e-3)
+    steps = make_odometry(cameras, OdometryOptions())
+    as_well = Tracking(
+        cameras,
+        cameras,
+        steps,
+        "recorded",
+        convention_fit=replace(fit, name="recorded", share=0.95),
+    )
+    assert errs_clearly_less(as_well, of_body)
+    poorly = replace(as_well, convention_fit=replace(fit, name="recorded", share=0.8))
+    assert not errs_clearly_less(poorly, of_body)
+    assert not errs_clearly_less(of_body, of_body)
+    # Poses that explain little as recorded are those of a body.
+    of_ros = replace(of_body, convention_fit=replace(fit, asked_share=0.1))
+    assert not is_taken_for_mount(of_ros)
+    assert not errs(of_ros)

@@ -12,7 +12,7 @@ from planfit.errors import OptionError, ScanError
 from planfit.findings import PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, believe, judge_tracking
+from planfit.tracking import TrackingOptions, believe, judge_tracking, require_asked_convention
 from planfit.tracking.conventions import (
     CONVENTIONS,
     ConventionFit,
@@ -88,7 +88,11 @@ def walked():
 
 
 def judged(poses, motions, convention):
-    return judge_tracking("scan", poses, motions, convention, OdometryOptions(), TrackingOptions())
+    tracking = judge_tracking(
+        "scan", poses, motions, convention, OdometryOptions(), TrackingOptions()
+    )
+    require_asked_convention("scan", tracking, convention)
+    return tracking
 
 
 def test_every_convention_has_its_mistake_here():

@@ -257,10 +257,11 @@ def shared_error(
     follow = step.pose_by_shared
     if priors.plan_scale_sigma > 0:
         follow[:, 3:5, PLAN] -= unknowns[:, :2, 3]
-    # What the evidence asks for and was not kept may be right: its square adds to the variance. By what no
-    # sensor is off, no sensor is: such residuals have another cause, and tell of it themselves.
-    change = np.zeros_like(step.change) if calibration.implausible else step.change
-    return SharedError(step.covariance + np.outer(change, change), follow)
+    # What the evidence asks for and was not kept may be right: its square adds to the variance. So does that
+    # by which no sensor should be off, as far as it may be the sensor's.
+    p_sensor = calibration.p_sensor if calibration.implausible else 1.0
+    unkept = p_sensor * np.outer(step.change, step.change)
+    return SharedError(step.covariance + unkept, follow)
 
 
 def prepare_nominal(scan: Scan, calibrated: CalibratedScan, options: RefineOptions) -> Measurements:

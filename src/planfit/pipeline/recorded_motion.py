@@ -30,9 +30,11 @@ from planfit.pipeline.by_hand import (
     look_by_hand,
 )
 from planfit.pipeline.depth_or_tracker import (
+    as_if_asked,
     corrected_pairs,
     errs,
     errs_clearly_less,
+    is_taken_for_mount,
     sensor_by_neighbours,
 )
 from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, judged_in_its_unit
@@ -46,11 +48,11 @@ from planfit.tracking import (
     believe,
     choose_keyframes,
     frames_in_doubt,
-    in_metres,
     judge_tracking,
     measured_motions,
     pairs_across,
     place_submaps,
+    require_asked_convention,
     surface_motions,
     with_open_steps,
 )
@@ -139,6 +141,7 @@ def judge_recorded_motion(
             return _by_revisits(_judge(keyed))
 
     judged, unit = judged_in_its_unit(scan, judged_in)
+    require_asked_convention(scan.name, judged.tracking, chosen.poses_convention)
     return replace(judged, unit=unit)
 
 
@@ -245,10 +248,13 @@ def _by_neighbours(keyed: KeyedScan, believed: Tracking, known: NeighbourMotions
         known = without_misled(known, recorded, odometry)
         tracking = _compared(judged, known)
     if errs(tracking) and options.calibration.is_on:
-        # As if the poses had no unit of their own.
-        metric = in_metres(recorded, 1 / tracking.metres_per_unit)
+        metric = as_if_asked(recorded, tracking)
         odometry, cameras = make_odometry(metric, options.odometry, times), keyed.recorded.cameras
-        sensor = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
+        found = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
+        # A lens that is further off than lenses are is still more usual than a camera carried askew.
+        sensor = (
+            found.unbelieved if is_taken_for_mount(tracking) and found.implausible else found.sensor
+        )
         if not sensor.is_nominal:
             again = _compared(judged, known, sensor)
             tracking = again if errs_clearly_less(again, tracking) else tracking

@@ -3,6 +3,7 @@
 from planfit.tracking.clock import ClockOffset as ClockOffset
 from planfit.tracking.judge import believe as believe
 from planfit.tracking.judge import judge_tracking as judge_tracking
+from planfit.tracking.judge import require_asked_convention as require_asked_convention
 from planfit.tracking.keyframes import KeyframeOptions as KeyframeOptions
 from planfit.tracking.keyframes import choose_keyframes as choose_keyframes
 from planfit.tracking.keyframes import frames_in_doubt as frames_in_doubt

@@ -194,6 +194,11 @@ class ConventionFit:
         return self.name != self.asked and mount_of(self.name) is not None
 
     @property
+    def is_doubtful_mount(self) -> bool:
+        """Whether they are, as it seems, and yet explain as much as a convention must without."""
+        return self.is_clear and self.is_mount and self.asked_share >= MIN_SHARE
+
+    @property
     def is_own_unit(self) -> bool:
         """Whether all that is other than asked for is a unit that no name is known of."""
         unit = self.name.removeprefix(f"{self.asked}, ")

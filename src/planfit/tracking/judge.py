@@ -181,7 +181,9 @@ def judge_tracking(
     timestamps: Float[np.ndarray, " n"] | None = None,
     keyframe_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Tracking:
-    """Compare the recorded poses with measured motions.
+    """Compare the recorded poses with measured motions, in the convention that explains these.
+
+    Whether that may be another than was asked for is a matter of `require_asked_convention`.
 
     Args:
         name: of the scan, for messages.
@@ -195,8 +197,7 @@ def judge_tracking(
         keyframe_idx: frames whose images were looked at; without, all.
 
     Raises:
-        ScanError: another convention explains the measured motions, or another axis is up than the format
-            says, and `auto` was not asked for.
+        ScanError: another axis is up than the format says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
     times = frame_times(
@@ -209,7 +210,7 @@ def judge_tracking(
     is_at_origin = is_identity(world_from_cams)
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
     clocked = _Clocked(times, is_at_origin, motions, told, odometry, keyframe_idx, options)
-    chosen, fit, clock = _convention(name, world_from_cams, convention, clocked)
+    chosen, fit, clock = _convention(world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
@@ -235,6 +236,29 @@ def judge_tracking(
         linked=filled.linked,
         n_repeated=count_repeated(recorded, motions),
         n_held=n_held,
+    )
+
+
+def require_asked_convention(name: str, tracking: Tracking, asked: str) -> None:
+    """Refuse a scan whose poses follow another convention than the one asked for.
+
+    Args:
+        name: of the scan, for messages.
+        tracking: of its poses, all evidence weighed.
+        asked: `recorded`, `auto` (which allows any), or a name.
+
+    Raises:
+        ScanError: another convention explains the measured motions, and `auto` was not asked for.
+    """
+    fit = tracking.convention_fit
+    # A unit of the poses' own has no name to give: what it is in metres is measured, used and said.
+    if asked == AUTO or fit is None or not fit.is_clear or fit.is_own_unit:
+        return
+    said = "as recorded" if asked == RECORDED else f"taken as {asked}"
+    again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
+    raise ScanError(
+        f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
+        f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
     )
 
 
@@ -315,7 +339,7 @@ def _filled(
 
 
 def _convention(
-    name: str, poses: Poses, asked: str, clocked: _Clocked
+    poses: Poses, asked: str, clocked: _Clocked
 ) -> tuple[str, ConventionFit, ClockOffset | None]:
     """The convention to apply, how well it fits, and the time between images and poses in it."""
     told, odometry, keys = clocked.told, clocked.odometry, clocked.keyframe_idx
@@ -337,15 +361,7 @@ def _convention(
             fit = replace(fit, name=base, share=read.asked_share, asked_share=read.asked_share)
         else:
             fit = replace(fit, share=read.asked_share)
-    # A unit of the poses' own has no name to give: what it is in metres is measured, used and said.
-    if asked == AUTO or not fit.is_clear or fit.is_own_unit:
-        return base, fit, clock
-    said = "as recorded" if asked == RECORDED else f"taken as {asked}"
-    again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
-    raise ScanError(
-        f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
-        f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
-    )
+    return base, fit, clock
 
 
 def _is_of_clocks(clock: ClockOffset | None, frames: int, options: TrackingOptions) -> bool:

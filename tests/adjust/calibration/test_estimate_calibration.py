@@ -179,21 +179,43 @@ def test_no_more_rounds_than_asked_for(world):
     assert len(solves) == 2
 
 
+LENS_OF_ANOTHER = [SensorCalibration(principal_x=0.06), SensorCalibration(focal_scale=0.88)]
+
+
+@pytest.mark.parametrize("undone_by", LENS_OF_ANOTHER)
+def test_the_lens_of_another_camera_is_corrected_where_walls_are_bent_as_well(world, undone_by):
+    found = found_in(world.measured_by(undone_by))
+    assert not found.implausible
+    assert_allclose(found.sensor.vector, undone_by.vector, atol=0.006)
+
+
+@pytest.mark.parametrize("undone_by", LENS_OF_ANOTHER)
+def test_keypoints_off_the_depth_are_no_lens(world, undone_by):
+    """Colour that is not registered to depth: keypoints alone are where another lens has them."""
+    of_keypoints = world.measured_by(undone_by).measurements.matches
+    shifted = replace(world.measurements, matches=of_keypoints)
+    found = found_in(replace(world, measurements=shifted))
+    assert found.implausible
+    assert found.p_sensor < 0.1
+    assert found.sensor.is_nominal
+    assert not found.unbelieved.is_nominal
+
+
 @pytest.mark.parametrize(
-    ("undone_by", "name"),
+    ("undone_by", "name", "walls"),
     [
-        (SensorCalibration(principal_x=0.05), "principal_x"),
-        (SensorCalibration(depth_scale=1.15), "depth_scale"),
+        (SensorCalibration(principal_x=0.05), "principal_x", False),  # a floor alone is no witness
+        (SensorCalibration(depth_scale=1.15), "depth_scale", True),
     ],
 )
-def test_what_no_sensor_does_corrects_nothing_and_is_named(world, undone_by, name):
-    found = found_in(world.measured_by(undone_by))
+def test_what_no_sensor_does_corrects_nothing_and_is_named(world, undone_by, name, walls):
+    found = found_in(world.measured_by(undone_by), walls=walls)
     assert name in found.implausible
     assert found.sensor.is_nominal
     assert found.kept == ()
     module = import_module("planfit.adjust.calibration.estimate")  # its function has the same name
     with patch.object(module, "MAX_PRIOR_SIGMAS", 20.0):
-        wide = found_in(world.measured_by(undone_by))
+        wide = found_in(world.measured_by(undone_by), walls=walls)
     assert name in wide.kept
 
 

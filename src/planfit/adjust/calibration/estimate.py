@@ -6,6 +6,7 @@ from itertools import combinations
 
 import numpy as np
 from jaxtyping import Bool, Float
+from scipy.special import expit
 
 from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, SHARED
 from planfit.adjust.calibration.correct import corrected_measurements
@@ -15,7 +16,7 @@ from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.errors import require_positive
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
-from planfit.priors import SURE_SIGMAS
+from planfit.priors import CLEAR_ODDS, SURE_SIGMAS
 from planfit.runtime import short_repr
 
 SETTLED = 0.1
@@ -25,9 +26,12 @@ MIN_GAIN_SHARE = 0.004
 Without fault, a parameter alone is worth up to 0.003 on a synthetic flat; 2 % of the focal length 0.005
 (ConSLAM) to 0.1, 5 cm of depth 0.1, 0.01 z^2 0.2."""
 MAX_PRIOR_SIGMAS = SURE_SIGMAS.value
-"""A departure by more of its prior standard deviations is no calibration: nothing is corrected, and it is
-said. In 7-Scenes' kitchen the principal point would be 17 px off in every part of the walk: colour and
-depth are not registered well there, and correcting both for it takes the error from 0.023 to 0.040 m."""
+"""A departure by more of its prior standard deviations is no calibration. Either the files give the lens of
+another camera, or colour and depth are not registered to each other: geometry without keypoints tells
+(`probability_of_sensor`). In 7-Scenes' kitchen the principal point would be 17 px off in every part of the
+walk, by keypoints alone: correcting depth for it, too, takes the error from 0.032 to 0.067 m."""
+WIDE = 10.0
+"""Factor on prior standard deviations of what files may give that belongs to another camera or image size."""
 SMALLEST = np.array([0.01, 0.015, 0.002, 0.01, 0.01, 0.005, 0.005, 0.0, 0.0, 0.0])
 """Departures below these are left alone, in the order of `SHARED`: 1 % of scales of depth and focal lengths
 is what calibrations and interpolated depth do anyway; then 15 mm of the depth's offset, 2 mm per m^2 of
@@ -121,7 +125,12 @@ class Calibration:
     gain: float = 0.0
     """By how much the robust cost falls for what is kept, or would."""
     implausible: tuple[str, ...] = ()
-    """Parameters that the evidence asks for by more than a sensor can be off: then nothing is corrected."""
+    """Parameters that the evidence asks for by more than a sensor can be off, and that geometry without
+    keypoints does not confirm: then nothing is corrected."""
+    p_sensor: float = 0.0
+    """Probability that these are the sensor's all the same."""
+    unbelieved: SensorCalibration = NOMINAL
+    """What would be corrected if no departure were implausible; nominal where none is."""
 
     __repr__ = short_repr
 
@@ -177,6 +186,7 @@ def estimate(
         step = shared_step(problem, unknowns, departures, priors.sigmas)
         cost = sum(problem.costs(unknowns[: problem.n_cams]).values())
         wanted = asked_for(departures + step.change, step, cost, priors)
+        wanted = _confirmed(wanted, problem, unknowns, departures, priors)
         moved = np.abs(wanted.departures - departures)[wanted.is_kept]
         has_settled = np.all(moved <= SETTLED * wanted.sigmas[wanted.is_kept])
         is_same = np.array_equal(wanted.is_kept, is_kept)
@@ -186,16 +196,76 @@ def estimate(
         if is_too_far or rounds == priors.max_rounds or (is_same and has_settled):
             break
         is_kept, rounds, was_far = wanted.is_kept, rounds + 1, bool(wanted.implausible)
-        asked = np.clip(wanted.departures, -most, most)
+        asked = np.clip(wanted.departures, -most, most) if was_far else wanted.departures
         departures[:ODOMETRY] = np.where(is_kept, asked, 0.0)[:ODOMETRY]
         sensor = NOMINAL.with_vector(nominal + departures[:ODOMETRY])
         poses = unknowns[: problem.n_cams]
         problem, unknowns = solve(corrected_measurements(measurements, sensor), poses)
     if wanted.implausible:
-        return replace(wanted, is_kept=np.zeros(len(SHARED), dtype=bool))
+        asked = np.where(wanted.is_kept, wanted.departures, 0.0)[:ODOMETRY]
+        unbelieved = NOMINAL.with_vector(nominal + asked)
+        return replace(wanted, is_kept=np.zeros(len(SHARED), dtype=bool), unbelieved=unbelieved)
     found = np.where(is_kept, departures, wanted.departures)
     sensor = NOMINAL.with_vector(nominal + np.where(is_kept, departures, 0.0)[:ODOMETRY])
     return replace(wanted, sensor=sensor, is_kept=is_kept, departures=found)
+
+
+def _confirmed(
+    wanted: Calibration,
+    problem: AdjustmentProblem,
+    unknowns: Float[np.ndarray, "u 4 4"],
+    departures: Float[np.ndarray, " s"],
+    priors: CalibrationPriors,
+) -> Calibration:
+    """The same, nothing implausible where geometry alone shows clearly that it is the lens's.
+
+    Depth that is as far off may as well be a tracker's unit, and has no second witness.
+    """
+    if not wanted.implausible:
+        return wanted
+    if any(name.startswith("depth") for name in wanted.implausible):
+        return wanted
+    of = [SHARED.index(name) for name in wanted.implausible]
+    p = probability_of_sensor(wanted.departures[of], of, problem, unknowns, departures, priors)
+    if p > 1 - 1 / CLEAR_ODDS.value:
+        return replace(wanted, implausible=())
+    return replace(wanted, p_sensor=p)
+
+
+def probability_of_sensor(
+    asked: Float[np.ndarray, " k"],
+    of: list[int],
+    problem: AdjustmentProblem,
+    unknowns: Float[np.ndarray, "u 4 4"],
+    departures: Float[np.ndarray, " s"],
+    priors: CalibrationPriors,
+) -> float:
+    """Whether departures that matched keypoints ask for are those of depth as well.
+
+    A lens that is another bends all that depth shows; colour that is not registered to depth shifts keypoints
+    alone. So surfaces, floor, walls and recorded motion ask for the same departures, or for none: two
+    hypotheses, as likely as each other before.
+
+    Args:
+        asked: departures by all evidence.
+        of: their places in `SHARED`.
+        problem: built from points as corrected by the departures as they stand.
+        unknowns: where its solve ended.
+        departures: as they stand.
+        priors: of all parameters.
+    """
+    geometry = replace(problem, geometric=None, by_hand=None)
+    step = shared_step(geometry, unknowns, departures, priors.sigmas)
+    free = np.flatnonzero(priors.sigmas > 0)
+    places = [int(np.flatnonzero(free == k)[0]) for k in of]
+    information = np.linalg.inv(step.covariance[np.ix_(free, free)])
+    pull = information @ (departures + step.change)[free]
+    tight = 1 / priors.sigmas[of] ** 2
+    information[places, places] += tight / WIDE**2 - tight
+    covariance = np.linalg.inv(information)[np.ix_(places, places)]
+    found = np.linalg.solve(information, pull)[places]
+    squared = [float(off @ np.linalg.solve(covariance, off)) for off in (found, found - asked)]
+    return float(expit(0.5 * (squared[0] - squared[1])))
 
 
 def estimate_without_plan(
