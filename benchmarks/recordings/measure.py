@@ -29,6 +29,7 @@ from planfit.tracking import (
     TrackingOptions,
     judge_tracking,
     measured_motions,
+    require_asked_convention,
     surface_motions,
 )
 from planfit.tracking.motions import MeasuredMotions
@@ -286,7 +287,6 @@ def _step_errors_m(
     is_here = (pairs >= 0).all(axis=1)
     here = replace(motions[np.flatnonzero(is_here)], pairs=pairs[is_here])
     tracking = judge_tracking(
-        scan.name,
         read.world_from_cams,
         here,
         "recorded",
@@ -295,6 +295,7 @@ def _step_errors_m(
         None,
         read.timestamps,
     )
+    require_asked_convention(scan.name, tracking, "recorded")
     return *_errors(tracking, recording.true_world_from_cams[idx]), tuple(read.warnings)
 
 
@@ -332,7 +333,7 @@ def _tracking(recording: Recording, poses: Poses, how: How) -> Tracking:
     motions = _motions(recording, how)
     options = planfit.RefineOptions()
     return judge_tracking(
-        scan.name, poses, motions, "auto", options.odometry, options.tracking, None, scan.timestamps
+        poses, motions, "auto", options.odometry, options.tracking, None, scan.timestamps
     )
 
 

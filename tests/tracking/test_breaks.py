@@ -19,7 +19,7 @@ USUAL = OdometryOptions()
 
 
 def judged(poses, motions, **options):
-    return judge_tracking("scan", poses, motions, "recorded", USUAL, TrackingOptions(**options))
+    return judge_tracking(poses, motions, "recorded", USUAL, TrackingOptions(**options))
 
 
 def step_errors(poses, true):
@@ -264,9 +264,7 @@ def test_surfaces_alone_make_no_long_step_of_a_usual_one(rng, n_inliers, n_found
     motions = measure(slid, rng, neighbours=2, n_inliers=n_inliers)
     spans = (motions.pairs[:, 0] <= 30) & (motions.pairs[:, 1] > 30)
     assert spans.sum() == 3
-    tracking = judge_tracking(
-        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions()
-    )
+    tracking = judge_tracking(poses, motions, "recorded", OdometryOptions(), TrackingOptions())
     assert len(tracking.breaks) == n_found
 
 

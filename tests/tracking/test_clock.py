@@ -57,7 +57,7 @@ def scanned(seed, late_s, n=180, rate_hz=RATE_HZ):
 
 def judged(poses, motions, times, convention="recorded", **chosen):
     options = OdometryOptions(), TrackingOptions(**chosen)
-    return judge_tracking("scan", poses, motions, convention, *options, None, times)
+    return judge_tracking(poses, motions, convention, *options, None, times)
 
 
 def errors_m(poses, true):

@@ -88,9 +88,7 @@ def walked():
 
 
 def judged(poses, motions, convention):
-    tracking = judge_tracking(
-        "scan", poses, motions, convention, OdometryOptions(), TrackingOptions()
-    )
+    tracking = judge_tracking(poses, motions, convention, OdometryOptions(), TrackingOptions())
     require_asked_convention("scan", tracking, convention)
     return tracking
 
@@ -335,7 +333,9 @@ Z_UP_FROM_Y_UP = se3.make_transform(
 
 def judged_with_up(poses, motions, up_world, convention="recorded"):
     options = OdometryOptions(), TrackingOptions(), up_world
-    return judge_tracking("scan", poses, motions, convention, *options)
+    tracking = judge_tracking(poses, motions, convention, *options)
+    require_asked_convention("scan", tracking, convention)
+    return tracking
 
 
 @pytest.mark.parametrize(
@@ -361,3 +361,14 @@ def test_right_axes_are_not_doubted_however_the_camera_is_held(roll_deg):
     tracking = judged_with_up(true, measure(true, np.random.default_rng(7)), Y)
     assert tracking.convention == "recorded"
     assert np.array_equal(tracking.world_from_cams, true)
+
+
+def test_what_the_poses_are_is_named_before_which_axis_is_up():
+    true = level_walk(np.random.default_rng(4))
+    motions = measure(true, np.random.default_rng(5))
+    poses = MISTAKES["opengl"](Z_UP_FROM_Y_UP @ true)
+    with pytest.raises(ScanError, match="look like opengl"):
+        judged_with_up(poses, motions, Y)
+    with pytest.raises(ScanError, match="look like z_up"):
+        judged_with_up(poses, motions, Y, "opengl")
+    assert judged_with_up(poses, motions, Y, "auto").convention == "opengl, z_up"

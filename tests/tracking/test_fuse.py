@@ -29,9 +29,7 @@ def drift_m(poses, true, gap=20):
 
 
 def judged(poses, motions, **options):
-    return judge_tracking(
-        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions(**options)
-    )
+    return judge_tracking(poses, motions, "recorded", OdometryOptions(), TrackingOptions(**options))
 
 
 def test_fused_poses_drift_less_and_begin_where_recorded(noisy):

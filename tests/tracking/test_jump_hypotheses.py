@@ -25,9 +25,7 @@ def laps(rng):
 def hypotheses(laps, poses, rng, undecided):
     """With revisits between the first lap and the third, which is after all undecided steps."""
     motions = measure(laps, rng, unmeasured=tuple(undecided))
-    judged = judge_tracking(
-        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions()
-    )
+    judged = judge_tracking(poses, motions, "recorded", OdometryOptions(), TrackingOptions())
     tracking = replace(judged, undecided_steps=np.array(undecided))
     points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))
     matches = make_matches(laps, [(i, i + 2 * LAP) for i in range(12, 28)], points)
@@ -70,9 +68,7 @@ def test_a_jump_over_a_gap_is_not_put_on_the_short_step_beside_it(laps, rng):
     jumped = walk.copy()
     jumped[42:, :3, 3] += 4.0 * ahead
     motions = measure(walk, rng, unmeasured=(40, 41))
-    judged = judge_tracking(
-        "scan", jumped, motions, "recorded", OdometryOptions(), TrackingOptions()
-    )
+    judged = judge_tracking(jumped, motions, "recorded", OdometryOptions(), TrackingOptions())
     tracking = replace(judged, undecided_steps=np.array([40, 41]))
     pairs = [(i, int(np.flatnonzero(kept == i + 2 * LAP)[0])) for i in range(12, 28)]
     points = rng.uniform([-5, -5, -1], [5, 5, 1], (40, 3))

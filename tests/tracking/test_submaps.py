@@ -32,9 +32,7 @@ def laps(rng):
 
 
 def judged(poses, motions, **options):
-    return judge_tracking(
-        "scan", poses, motions, "recorded", OdometryOptions(), TrackingOptions(**options)
-    )
+    return judge_tracking(poses, motions, "recorded", OdometryOptions(), TrackingOptions(**options))
 
 
 def revisits(poses, rng, at):

@@ -33,23 +33,22 @@ AS_WELL = 0.1
 def errs(tracking: Tracking) -> bool:
     """Whether the recorded motion is believed less, was corrected, taken in a unit of its own, or for that of
     a body which carries the camera a little askew."""
-    is_as_asked = tracking.metres_per_unit == 1.0 and not is_taken_for_mount(tracking)
-    return max(tracking.sigma_factors) > 1.0 or len(tracking.breaks) > 0 or not is_as_asked
+    is_corrected = max(tracking.sigma_factors) > 1.0 or len(tracking.breaks) > 0
+    return is_corrected or not _is_as_asked(tracking)
+
+
+def _is_as_asked(tracking: Tracking) -> bool:
+    return tracking.metres_per_unit == 1.0 and not tracking.is_mount_doubtful
 
 
 def as_if_asked(
     world_from_keys: Float[np.ndarray, "k 4 4"], tracking: Tracking
 ) -> Float[np.ndarray, "k 4 4"]:
     """Recorded poses in the convention found, as if they had no unit and no mount of their own."""
-    mount = mount_of(tracking.convention) if is_taken_for_mount(tracking) else None
+    fit = tracking.convention_fit
+    mount = mount_of(fit.name) if fit is not None and fit.is_doubtful_mount else None
     poses = world_from_keys if mount is None else world_from_keys @ se3.inverse(mount)
     return in_metres(poses, 1 / tracking.metres_per_unit)
-
-
-def is_taken_for_mount(tracking: Tracking) -> bool:
-    """Whether poses that may be those of the camera are taken for those of a body."""
-    fit = tracking.convention_fit
-    return fit is not None and fit.is_doubtful_mount
 
 
 def errs_clearly_less(corrected: Tracking, as_lifted: Tracking) -> bool:
@@ -60,8 +59,7 @@ def errs_clearly_less(corrected: Tracking, as_lifted: Tracking) -> bool:
     cameras carried a little askew, the former is more usual.
     """
     fit, of_its_own = corrected.convention_fit, as_lifted.convention_fit
-    is_as_asked = as_lifted.metres_per_unit == 1.0 and not is_taken_for_mount(as_lifted)
-    if not is_as_asked and fit is not None and of_its_own is not None:
+    if not _is_as_asked(as_lifted) and fit is not None and of_its_own is not None:
         is_explained = fit.share >= of_its_own.share - AS_WELL
         return corrected.metres_per_unit == 1.0 and not fit.is_mount and is_explained
     now, before = (float(np.prod(t.sigma_factors)) for t in (corrected, as_lifted))

@@ -34,7 +34,6 @@ from planfit.pipeline.depth_or_tracker import (
     corrected_pairs,
     errs,
     errs_clearly_less,
-    is_taken_for_mount,
     sensor_by_neighbours,
 )
 from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit, judged_in_its_unit
@@ -252,9 +251,8 @@ def _by_neighbours(keyed: KeyedScan, believed: Tracking, known: NeighbourMotions
         odometry, cameras = make_odometry(metric, options.odometry, times), keyed.recorded.cameras
         found = sensor_by_neighbours(known.verified, metric, odometry, cameras, options)
         # A lens that is further off than lenses are is still more usual than a camera carried askew.
-        sensor = (
-            found.unbelieved if is_taken_for_mount(tracking) and found.implausible else found.sensor
-        )
+        is_lens = tracking.is_mount_doubtful and bool(found.implausible)
+        sensor = found.unbelieved if is_lens else found.sensor
         if not sensor.is_nominal:
             again = _compared(judged, known, sensor)
             tracking = again if errs_clearly_less(again, tracking) else tracking
@@ -269,7 +267,6 @@ def _compared(
     measured = measured_motions(corrected_pairs(known.verified, sensor))
     told_by_surfaces = surface_motions(judged.by_surfaces.neighbours.corrected(sensor))
     return judge_tracking(
-        scan.name,
         scan.world_from_cams,
         measured.joined(told_by_surfaces).numbered(idx),
         options.poses_convention,

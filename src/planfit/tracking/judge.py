@@ -16,6 +16,7 @@ from planfit.tracking.conventions import (
     AUTO,
     FRAME_DELAYS,
     RECORDED,
+    WORLD_AXES,
     ConventionFit,
     apply_convention,
     best_convention,
@@ -171,7 +172,6 @@ def believe(
 
 
 def judge_tracking(
-    name: str,
     world_from_cams: Poses,
     motions: MeasuredMotions,
     convention: str,
@@ -186,7 +186,6 @@ def judge_tracking(
     Whether that may be another than was asked for is a matter of `require_asked_convention`.
 
     Args:
-        name: of the scan, for messages.
         world_from_cams: as recorded.
         motions: between neighbouring frames, measured from images and depth.
         convention: that of the poses: `recorded`, `auto`, or a name.
@@ -197,7 +196,6 @@ def judge_tracking(
         keyframe_idx: frames whose images were looked at; without, all.
 
     Raises:
-        ScanError: another axis is up than the format says, and `auto` was not asked for.
         OptionError: there is no convention of this name.
     """
     times = frame_times(
@@ -211,7 +209,7 @@ def judge_tracking(
     told = _over_told_steps(motions, ~stands_still(world_from_cams))
     clocked = _Clocked(times, is_at_origin, motions, told, odometry, keyframe_idx, options)
     chosen, fit, clock = _convention(world_from_cams, convention, clocked)
-    chosen, recorded = _in_axes_of_format(name, world_from_cams, chosen, convention, up_world)
+    chosen, recorded = _in_axes_of_format(world_from_cams, chosen, up_world)
     lost = _lost_runs(recorded, is_at_origin, motions, options)
     read, read_sigmas = clocked.read(recorded, clock)
     if held_sigmas is not None:
@@ -248,18 +246,28 @@ def require_asked_convention(name: str, tracking: Tracking, asked: str) -> None:
         asked: `recorded`, `auto` (which allows any), or a name.
 
     Raises:
-        ScanError: another convention explains the measured motions, and `auto` was not asked for.
+        ScanError: another convention explains the measured motions, or another axis is up than the format
+            says, and `auto` was not asked for.
     """
+    if asked == AUTO:
+        return
     fit = tracking.convention_fit
     # A unit of the poses' own has no name to give: what it is in metres is measured, used and said.
-    if asked == AUTO or fit is None or not fit.is_clear or fit.is_own_unit:
-        return
-    said = "as recorded" if asked == RECORDED else f"taken as {asked}"
-    again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
-    raise ScanError(
-        f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} measured "
-        f"motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
-    )
+    if fit is not None and fit.is_clear and not fit.is_own_unit:
+        said = "as recorded" if asked == RECORDED else f"taken as {asked}"
+        again = "auto" if fit.name == RECORDED else f"{fit.name}, or auto"
+        raise ScanError(
+            f"{name}: these poses look like {fit.name} (explains {fit.share:.0%} of {fit.n_motions} "
+            f"measured motions, {said} {fit.asked_share:.0%}): run again with --poses-convention {again}"
+        )
+    found, known = (names.split(", ") for names in (tracking.convention, asked))
+    axes = next((name for name in WORLD_AXES if name in found and name not in known), "")
+    if axes:
+        raise ScanError(
+            f"{name}: these poses look like {axes}: the walk is level and the images are upright with "
+            "another axis up than the scan's format has; run again with --poses-convention "
+            f"{axes}, or auto"
+        )
 
 
 def _corrected(
@@ -280,23 +288,13 @@ def _corrected(
 
 
 def _in_axes_of_format(
-    name: str,
-    world_from_cams: Poses,
-    chosen: str,
-    asked: str,
-    up_world: Float[np.ndarray, "3"] | None,
+    world_from_cams: Poses, chosen: str, up_world: Float[np.ndarray, "3"] | None
 ) -> tuple[str, Poses]:
     """Name of the convention, and poses whose up axis is that of the format."""
     poses = apply_convention(world_from_cams, chosen)
     axes = "" if up_world is None else turned_axes(poses, up_world)
     if not axes:
         return chosen, poses
-    if asked != AUTO:
-        raise ScanError(
-            f"{name}: these poses look like {axes}: the walk is level and the images are upright with "
-            "another axis up than the scan's format has; run again with --poses-convention "
-            f"{axes}, or auto"
-        )
     return (axes if chosen == RECORDED else f"{chosen}, {axes}"), apply_convention(poses, axes)
 
 

@@ -91,6 +91,11 @@ class Tracking:
         return unit_of(self.convention)
 
     @property
+    def is_mount_doubtful(self) -> bool:
+        """Whether poses that may be those of the camera are taken for those of a body."""
+        return self.convention_fit is not None and self.convention_fit.is_doubtful_mount
+
+    @property
     def is_confirmed(self) -> bool:
         """Whether measured motions explain the recorded ones, and these are in metres."""
         fit = self.convention_fit

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.special import expit
 
 from planfit.adjust.calibration.blocks import NUISANCES, ODOMETRY, SHARED
@@ -30,8 +30,6 @@ MAX_PRIOR_SIGMAS = SURE_SIGMAS.value
 another camera, or colour and depth are not registered to each other: geometry without keypoints tells
 (`probability_of_sensor`). In 7-Scenes' kitchen the principal point would be 17 px off in every part of the
 walk, by keypoints alone: correcting depth for it, too, takes the error from 0.032 to 0.067 m."""
-WIDE = 10.0
-"""Factor on prior standard deviations of what files may give that belongs to another camera or image size."""
 SMALLEST = np.array([0.01, 0.015, 0.002, 0.01, 0.01, 0.005, 0.005, 0.0, 0.0, 0.0])
 """Departures below these are left alone, in the order of `SHARED`: 1 % of scales of depth and focal lengths
 is what calibrations and interpolated depth do anyway; then 15 mm of the depth's offset, 2 mm per m^2 of
@@ -202,12 +200,18 @@ def estimate(
         poses = unknowns[: problem.n_cams]
         problem, unknowns = solve(corrected_measurements(measurements, sensor), poses)
     if wanted.implausible:
-        asked = np.where(wanted.is_kept, wanted.departures, 0.0)[:ODOMETRY]
-        unbelieved = NOMINAL.with_vector(nominal + asked)
+        unbelieved = _sensor_of(wanted.is_kept, wanted.departures)
         return replace(wanted, is_kept=np.zeros(len(SHARED), dtype=bool), unbelieved=unbelieved)
     found = np.where(is_kept, departures, wanted.departures)
-    sensor = NOMINAL.with_vector(nominal + np.where(is_kept, departures, 0.0)[:ODOMETRY])
+    sensor = _sensor_of(is_kept, departures)
     return replace(wanted, sensor=sensor, is_kept=is_kept, departures=found)
+
+
+def _sensor_of(
+    is_kept: Bool[np.ndarray, " s"], departures: Float[np.ndarray, " s"]
+) -> SensorCalibration:
+    """The sensor that departs by what is kept."""
+    return NOMINAL.with_vector(NOMINAL.vector + np.where(is_kept, departures, 0.0)[:ODOMETRY])
 
 
 def _confirmed(
@@ -221,11 +225,10 @@ def _confirmed(
 
     Depth that is as far off may as well be a tracker's unit, and has no second witness.
     """
-    if not wanted.implausible:
+    is_of_depth = any(name.startswith("depth") for name in wanted.implausible)
+    if is_of_depth or not wanted.implausible:
         return wanted
-    if any(name.startswith("depth") for name in wanted.implausible):
-        return wanted
-    of = [SHARED.index(name) for name in wanted.implausible]
+    of = np.array([SHARED.index(name) for name in wanted.implausible])
     p = probability_of_sensor(wanted.departures[of], of, problem, unknowns, departures, priors)
     if p > 1 - 1 / CLEAR_ODDS.value:
         return replace(wanted, implausible=())
@@ -234,7 +237,7 @@ def _confirmed(
 
 def probability_of_sensor(
     asked: Float[np.ndarray, " k"],
-    of: list[int],
+    of: Int[np.ndarray, " k"],
     problem: AdjustmentProblem,
     unknowns: Float[np.ndarray, "u 4 4"],
     departures: Float[np.ndarray, " s"],
@@ -244,11 +247,11 @@ def probability_of_sensor(
 
     A lens that is another bends all that depth shows; colour that is not registered to depth shifts keypoints
     alone. So surfaces, floor, walls and recorded motion ask for the same departures, or for none: two
-    hypotheses, as likely as each other before.
+    hypotheses, as likely as each other before, and still so where geometry tells nothing.
 
     Args:
         asked: departures by all evidence.
-        of: their places in `SHARED`.
+        of: their places in `SHARED`, increasing.
         problem: built from points as corrected by the departures as they stand.
         unknowns: where its solve ended.
         departures: as they stand.
@@ -256,16 +259,29 @@ def probability_of_sensor(
     """
     geometry = replace(problem, geometric=None, by_hand=None)
     step = shared_step(geometry, unknowns, departures, priors.sigmas)
-    free = np.flatnonzero(priors.sigmas > 0)
-    places = [int(np.flatnonzero(free == k)[0]) for k in of]
-    information = np.linalg.inv(step.covariance[np.ix_(free, free)])
-    pull = information @ (departures + step.change)[free]
-    tight = 1 / priors.sigmas[of] ** 2
-    information[places, places] += tight / WIDE**2 - tight
-    covariance = np.linalg.inv(information)[np.ix_(places, places)]
-    found = np.linalg.solve(information, pull)[places]
-    squared = [float(off @ np.linalg.solve(covariance, off)) for off in (found, found - asked)]
-    return float(expit(0.5 * (squared[0] - squared[1])))
+    idx, information, pull = _told_of_sensor(step, departures + step.change)
+    # Geometry alone, without the priors of these: its log likelihood is d pull - d information d / 2, the
+    # others marginalised.
+    is_asked = np.isin(idx, of)
+    information[is_asked, is_asked] -= 1 / priors.sigmas[of] ** 2
+    of_others = information[np.ix_(is_asked, ~is_asked)]
+    shift = np.linalg.solve(information[np.ix_(~is_asked, ~is_asked)], of_others.T).T
+    information = information[np.ix_(is_asked, is_asked)] - shift @ of_others.T
+    pull = pull[is_asked] - shift @ pull[~is_asked]
+    return float(expit(asked @ pull - 0.5 * asked @ information @ asked))
+
+
+def _told_of_sensor(
+    step: SharedStep, departures: Float[np.ndarray, " s"]
+) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
+    """Places of the sensor's free parameters, their information, and that times their departures; poses and
+    nuisances marginalised."""
+    is_free = np.diagonal(step.covariance) > 0
+    is_free[list(NUISANCES)] = False
+    idx = np.flatnonzero(is_free)
+    # Nuisances are marginalised by leaving them out of the covariance.
+    information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])
+    return idx, information, information @ departures[idx]
 
 
 def estimate_without_plan(
@@ -313,12 +329,7 @@ def asked_for(
         are kept, and those of them that no sensor needs. The sensor is left nominal.
     """
     n = len(SHARED)
-    is_free = np.diagonal(step.covariance) > 0
-    is_free[list(NUISANCES)] = False
-    idx = np.flatnonzero(is_free)
-    # Nuisances are marginalised by leaving them out of the covariance.
-    information = np.linalg.inv(step.covariance[np.ix_(idx, idx)])
-    pull = information @ departures[idx]
+    idx, information, pull = _told_of_sensor(step, departures)
     price = np.full(n, max(0.5 * priors.min_sigmas**2, MIN_GAIN_SHARE * cost))
     price[0] = 0.5 * priors.min_sigmas**2
 
