@@ -10,7 +10,7 @@ import shapely
 
 from planfit.cli import run
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
-from planfit.floorplan.columns import find_columns
+from planfit.floorplan.elements import find_columns
 from planfit.floorplan.raster import plan_of_picture
 from planfit.floorplan.vector.closed_pieces import find_column_rings
 

@@ -11,7 +11,7 @@ from plan_pictures import DENSE, dense_grid
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.raster.openings import _WIDEST, _gaps, find_openings
+from planfit.floorplan.gaps import _WIDEST, _gaps_px, find_openings
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry import segments
@@ -78,7 +78,7 @@ def walls_with_doors(rng, n):
 
 
 def gaps_by_all(ends, normals, thickness):
-    """As `_gaps`, each face against every other."""
+    """As `_gaps_px`, each face against every other."""
     lengths = segments.lengths(ends)
     is_long = lengths > 0.5 * thickness
     found = []
@@ -126,7 +126,7 @@ def test_openings_are_those_that_comparing_all_finds(seed):
     both = zip(random_faces(rng, 300), walls_with_doors(rng, 20), strict=True)
     ends, normals, thickness = (np.concatenate(pair) for pair in both)
     expected = gaps_by_all(ends, normals, thickness)
-    found = _gaps(ends, normals, thickness)
+    found = _gaps_px(ends, normals, thickness)
     np.testing.assert_array_equal([g[0] for g in found], [g[0] for g in expected])
     openings = openings_by_all(expected)
     assert len(openings) > 10

@@ -5,8 +5,8 @@ import pytest
 import shapely
 
 from planfit.floorplan.raster.candidates import Candidate, WallStyle
+from planfit.floorplan.raster.choice import with_other_styles
 from planfit.floorplan.raster.interpretation import Interpretation
-from planfit.floorplan.raster.mixed import with_other_styles
 
 EXTENT_PX = 600.0
 SHELL = shapely.box(0, 0, 600, 400).difference(shapely.box(20, 20, 580, 380))

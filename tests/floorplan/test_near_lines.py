@@ -12,7 +12,7 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.near_lines import groups_within, possible_partners
+from planfit.floorplan.faces import groups_within, possible_partners
 from planfit.floorplan.vector.cleaning import MOST_TIMES, cleaned
 from planfit.floorplan.vector.drawing import DrawingBuilder
 from planfit.floorplan.vector.line_work import merge_collinear

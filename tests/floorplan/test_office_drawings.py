@@ -9,11 +9,11 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
-from planfit.floorplan.vector.axes import lines_of_plain_axes
 from planfit.floorplan.vector.double_lines import Thickness
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.furniture import are_furniture
 from planfit.floorplan.vector.layer_names import Role, role_of
+from planfit.floorplan.vector.sheet import lines_of_plain_axes
 
 PX = 40.0
 """A metre."""

@@ -16,9 +16,9 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, nearest_faces, read_floorplan
+from planfit.floorplan.gaps import find_openings
 from planfit.floorplan.plans_on_sheet import find_storeys
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
     find_skew_deg,
     make_darkness,

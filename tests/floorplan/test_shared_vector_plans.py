@@ -10,7 +10,7 @@ import shapely
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import PlanOptions, read_floorplan
-from planfit.floorplan.columns import find_columns
+from planfit.floorplan.elements import find_columns
 
 DATA = Path(os.environ.get("PLANFIT_SHARED", Path(__file__).parents[2].parent / "shared" / "data"))
 PLANS = DATA / "floorplans"

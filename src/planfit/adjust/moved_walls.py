@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.adjust.association import Association, PatchesOnPlan, wall_patches_in_plan
 from planfit.findings import Finding, ResultKind
 from planfit.floorplan import Floorplan
-from planfit.floorplan.near_lines import connected_groups
+from planfit.floorplan.faces import connected_groups
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.priors import (
     DOOR_GAP_M,

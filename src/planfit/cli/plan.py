@@ -15,9 +15,8 @@ from planfit.cli.console import check_suffix, listing, note, out
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
-from planfit.floorplan.columns import find_columns
 from planfit.floorplan.edits import edited, edits_of_words, write_edits
-from planfit.floorplan.elements import are_glass
+from planfit.floorplan.elements import are_glass, find_columns
 from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.runtime import write_whole
 from planfit.units import in_units, quantity

@@ -1,6 +1,5 @@
 """Plans of several storeys: told apart on one sheet, as groups of walls whose extents do so, and made one."""
 
-import itertools
 from collections.abc import Mapping
 
 import numpy as np
@@ -8,8 +7,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import covered_lengths
-from planfit.floorplan.near_lines import connected_groups
+from planfit.floorplan.faces import connected_groups, covered_lengths
 from planfit.floorplan.types import Floorplan, PlanSource
 
 MOST_STOREYS = 8
@@ -56,14 +54,13 @@ def find_storeys(
         doors = openings[~_are_between_corners(openings, walls)]
         tree = shapely.STRtree(walls)
         sides = tree.nearest(shapely.points(doors.reshape(-1, 2))).reshape(-1, 2)
-        for a, b in sides:
-            group[group == group[b]] = group[a]
-    group = _overlapping(boxes, group)
+        group = connected_groups(sides[:, 0], sides[:, 1], len(walls))
     while True:
-        merged = _merged_once(boxes, group, lines)
-        if (merged == group).all():
+        group = _overlapping(boxes, group)
+        pair = _joined_by_drawing(_extents(boxes, group)[1], lines)
+        if pair is None:
             break
-        group = merged
+        group[group == pair[1]] = pair[0]
     group = _without_parts(walls, boxes, group)
     names, extents, is_storey = _large(walls, boxes, group)
     centre = (extents[:, :2] + extents[:, 2:]) / 2
@@ -80,7 +77,7 @@ def find_storeys(
     scraps = float(length[np.isin(group, names[~is_storey])].sum())
     if scraps < _SCRAPS * length.sum():
         return storey
-    return _tied(boxes, storey)
+    return _overlapping(boxes, storey)
 
 
 def _are_between_corners(
@@ -122,25 +119,11 @@ def _longer(line: shapely.LineString, by: float) -> shapely.LineString:
     return shapely.LineString([a - step, b + step])
 
 
-def _tied(boxes: Float[np.ndarray, "n 4"], storey: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Storeys, with those made one whose extents overlap."""
-    storey = storey.copy()
-    while True:
-        names = np.unique(storey)
-        extents = [_extent(boxes[storey == name]) for name in names]
-        pairs = itertools.combinations(range(len(names)), 2)
-        pair = next((p for p in pairs if _gap(extents[p[0]], extents[p[1]]) == 0.0), None)
-        if pair is None:
-            return np.unique(storey, return_inverse=True)[1]
-        storey[storey == names[pair[1]]] = names[pair[0]]
-
-
 def _large(
     walls: Shaped[np.ndarray, " n"], boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
 ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, "k 4"], Bool[np.ndarray, " k"]]:
     """Names of groups, their extents, and which are as large as a storey and have room in them."""
-    names = np.unique(group)
-    extents = np.array([_extent(boxes[group == name]) for name in names])
+    names, extents = _extents(boxes, group)
     area = np.prod(extents[:, 2:] - extents[:, :2], axis=1)
     length = np.array([shapely.length(walls[group == name]).sum() for name in names])
     is_storey = (area >= _LEAST_SHARE * area.max()) & (length >= _LEAST_SHARE * length.max())
@@ -221,8 +204,8 @@ def storey_words(
 ) -> tuple[str, ...]:
     """Where on the sheet each storey is."""
     boxes = shapely.bounds(walls)
-    extents = np.array([_extent(boxes[storey_of == k]) for k in range(storey_of.max() + 1)])
-    whole, centre = _extent(boxes), (extents[:, :2] + extents[:, 2:]) / 2
+    extents = _extents(boxes, storey_of)[1]
+    whole, centre = shapely.total_bounds(walls), (extents[:, :2] + extents[:, 2:]) / 2
     share = (centre - whole[:2]) / np.maximum(whole[2:] - whole[:2], 1e-6)
     words = []
     for u, v in share:
@@ -265,16 +248,10 @@ def storey_number(name: str, asked: str, storeys: tuple[str, ...]) -> int:
 def _overlapping(
     boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
 ) -> Int[np.ndarray, " n"]:
-    """Groups whose extents overlap as one, all at once: what `_merged_once` does pair by pair, which takes
-    minutes where a drawing has thousands of regions."""
+    """Number of the group of each, those being one whose extents overlap."""
     while True:
         names, group = np.unique(group, return_inverse=True)
-        low, high = np.full((len(names), 2), np.inf), np.full((len(names), 2), -np.inf)
-        np.minimum.at(low, group, boxes[:, :2])
-        np.maximum.at(high, group, boxes[:, 2:])
-        extents = np.asarray(
-            shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1]), dtype=object
-        )
+        extents = np.asarray(shapely.box(*_extents(boxes, group)[1].T), dtype=object)
         a, b = shapely.STRtree(extents).query(extents, predicate="intersects")
         of = connected_groups(a, b, len(names))
         group = of[group]
@@ -282,24 +259,17 @@ def _overlapping(
             return group
 
 
-def _merged_once(
-    boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"], lines: Bool[np.ndarray, "h w"]
-) -> Int[np.ndarray, " n"]:
-    """Groups whose extents overlap, or that drawing joins, become one."""
-    result = group.copy()
-    names = np.unique(group)
-    extents = np.array([_extent(boxes[group == name]) for name in names])
-    for i in range(len(names)):
-        apart = _apart(extents[i], extents[i + 1 :])
-        is_near = np.asarray((apart <= 0).all(axis=1))
-        # Drawing joins only what lies side by side.
+def _joined_by_drawing(
+    extents: Float[np.ndarray, "g 4"], lines: Bool[np.ndarray, "h w"]
+) -> tuple[int, int] | None:
+    """The first two groups side by side, by their boxes, that drawing joins; None where there are none."""
+    for i, extent in enumerate(extents):
+        apart = _apart(extent, extents[i + 1 :])
         is_beside = np.asarray((apart > 0).any(axis=1) & (apart < 0).any(axis=1))
-        for k in np.flatnonzero(is_near | is_beside):
-            j = i + 1 + int(k)
-            if is_near[k] or _are_joined(extents[i], extents[j], lines):
-                result[result == names[j]] = names[i]
-                return result
-    return result
+        for j in i + 1 + np.flatnonzero(is_beside):
+            if _are_joined(extent, extents[j], lines):
+                return i, int(j)
+    return None
 
 
 def _are_joined(
@@ -317,8 +287,15 @@ def _are_joined(
     return False
 
 
-def _extent(boxes: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "4"]:
-    return np.concatenate([boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)])
+def _extents(
+    boxes: Float[np.ndarray, "n 4"], group: Int[np.ndarray, " n"]
+) -> tuple[Int[np.ndarray, " g"], Float[np.ndarray, "g 4"]]:
+    """Names of groups, ascending, and the box around the boxes of each."""
+    names, of = np.unique(group, return_inverse=True)
+    low, high = np.full((len(names), 2), np.inf), np.full((len(names), 2), -np.inf)
+    np.minimum.at(low, of, boxes[:, :2])
+    np.maximum.at(high, of, boxes[:, 2:])
+    return names, np.concatenate([low, high], axis=1)
 
 
 def _apart(

@@ -27,6 +27,7 @@ from planfit.floorplan.formats.dxf_contents import check_expansion, only_layout,
 from planfit.floorplan.options import METRES_PER_FILE_UNIT, PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD, DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.line_work import is_bent
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
 
@@ -206,13 +207,11 @@ def _add_path(
             points.append(np.array(command.end)[:2])
             is_curved.append(command.type == ezpath.Command.MOVE_TO)
         else:
-            curve = ezpath.Path(at)
-            curve.append_path(_single(at, command))
-            flat = _xy(curve.flattening(flatten, segments=4))[1:]
-            is_bent = _is_bent(np.array([np.array(at)[:2], *flat]))
-            flat = flat if is_bent else flat[-1:]
+            flat = _xy(_single(at, command).flattening(flatten, segments=4))[1:]
+            bends = is_bent(np.array([np.array(at)[:2], *flat]))
+            flat = flat if bends else flat[-1:]
             points.extend(flat)
-            is_curved.extend([is_bent] * len(flat))
+            is_curved.extend([bends] * len(flat))
         at = command.end
     builder.add_polyline(np.array(points), np.array(is_curved), layer, style, pen)
 
@@ -230,16 +229,6 @@ def _single(start, command):
     else:
         curve.curve3_to(command.end, command.ctrl)
     return curve
-
-
-def _is_bent(points: Float[np.ndarray, "n 2"]) -> bool:
-    """Some programs write straight walls as splines."""
-    chord = points[-1] - points[0]
-    length = math.hypot(*chord)
-    if length == 0:
-        return True
-    offset = points - points[0]
-    return bool(np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0]).max() > 1e-3 * length**2)
 
 
 def _add_text(builder: DrawingBuilder, entity: DXFGraphic, layer: str) -> None:

@@ -26,7 +26,7 @@ from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of, words_of
 from planfit.floorplan.vector.line_work import edges_of_areas, ends_of, longest, outlines
 from planfit.floorplan.vector.plan import plan_of_drawing
-from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.regions import MIN_FACE_M, TOLERANCE_M, faces_of_regions
 from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
@@ -77,8 +77,8 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
     if solid:
         faces = faces_of_regions(
             shapely.geometrycollections(solid),
-            0.005 * frame.likely_metre,
-            0.03 * frame.likely_metre,
+            TOLERANCE_M * frame.likely_metre,
+            MIN_FACE_M * frame.likely_metre,
         )
         ends, normals, thickness = faces.ends, faces.normals, faces.thickness
     else:
@@ -229,7 +229,7 @@ def _edges(
 ) -> Float[np.ndarray, "n 2 2"]:
     """Edges of rooms, the room on the left, without where openings are. Rooms of maps meet
     without thickness: each side of a shared edge is a face of its own."""
-    ends = edges_of_areas(list(shapely.simplify(rooms, 0.005 * metre)))
+    ends = edges_of_areas(list(shapely.simplify(rooms, TOLERANCE_M * metre)))
     parts, _ = shapely.get_parts(
         shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
     )

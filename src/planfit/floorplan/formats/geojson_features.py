@@ -13,9 +13,9 @@ from shapely.geometry import shape
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.formats import fingerprint_of, plans_in
+from planfit.floorplan.formats import MAX_UNPACKED_BYTES, fingerprint_of, plans_in
 from planfit.floorplan.formats.geojson_storeys import Properties
-from planfit.floorplan.formats.georeference import metres_of_degrees
+from planfit.floorplan.formats.georeference import MOST_DEGREES, metres_of_degrees
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.vector.layer_names import Role, role_of
 from planfit.floorplan.vector.regions import MAX_COORDINATE, SelfCrossings
@@ -36,9 +36,6 @@ _OUTSIDE_NAMES = """
 OUTSIDE = frozenset(_OUTSIDE_NAMES.split())
 """Kinds of polygons beside rooms in files that name no room in English."""
 _IMDF_PARTS = ("unit", "opening", "level", "fixture")
-_MAX_ARCHIVE_BYTES = 200_000_000
-_MAX_DEGREES = 0.1
-"""Wider than 11 km is no building: the coordinates are no degrees."""
 _LIKELY_SIZE_M = BUILDING_USUAL_SIZE_M.value
 """Of a plan whose unit is unknown; used for tolerances alone."""
 
@@ -113,9 +110,9 @@ def load_collections(path: Path) -> tuple[list[tuple[str, Any]], str]:
         with zipfile.ZipFile(path) as archive:
             infos = [i for i in archive.infolist() if Path(i.filename).stem in _IMDF_PARTS]
             infos = [i for i in infos if i.filename.lower().endswith((".geojson", ".json"))]
-            if sum(i.file_size for i in infos) > _MAX_ARCHIVE_BYTES:
+            if sum(i.file_size for i in infos) > MAX_UNPACKED_BYTES:
                 raise FloorplanError(
-                    f"{path}: expected an IMDF archive of at most {_MAX_ARCHIVE_BYTES // 10**6} MB, "
+                    f"{path}: expected an IMDF archive of at most {MAX_UNPACKED_BYTES // 10**6} MB, "
                     "found more; unpack the building you need"
                 )
             loaded = [(Path(i.filename).stem, _parsed(path, archive.read(i))) for i in infos]
@@ -203,7 +200,7 @@ def local_frame(
     has_crs = any("crs" in data and "CRS84" not in str(data["crs"]) and "4326" not in str(data["crs"])
                   for _, data in collections)  # fmt: skip
     in_range = (np.abs([low, high]) <= (180.0, 90.0)).all()
-    if options.unit == "unknown" or has_crs or not in_range or (high - low).max() > _MAX_DEGREES:
+    if options.unit == "unknown" or has_crs or not in_range or (high - low).max() > MOST_DEGREES:
         found = (
             "another system of coordinates" if has_crs
             else f"{(high - low).max():.4g} degrees of extent" if in_range

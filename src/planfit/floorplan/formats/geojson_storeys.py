@@ -14,7 +14,7 @@ from jaxtyping import Bool, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.near_lines import at_most, in_blocks
+from planfit.floorplan.faces import at_most, in_blocks
 from planfit.floorplan.vector.layer_names import words_of
 from planfit.runtime import whole_number
 

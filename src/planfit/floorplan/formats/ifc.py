@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import shapely
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError, told_as
@@ -18,15 +17,18 @@ from planfit.floorplan.formats.ifc_openings import LevelCut, find_openings, is_g
 from planfit.floorplan.options import PlanOptions, name_of_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import longest, outlines
-from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.regions import (
+    MIN_FACE_M,
+    TOLERANCE_M,
+    faces_of_regions,
+    without_seams,
+)
 from planfit.runtime import whole_number
 
 WALL_KINDS = ("IfcWall", "IfcCurtainWall", "IfcColumn")
 """With all that derive from them, as IfcWallStandardCase does."""
 MAX_SCHEMA_NAME, HEAD_BYTES = 60, 1 << 20
 """IFC4X3_ADD2 and its like; of a file, where its header must have ended."""
-TOLERANCE_M = 0.005
-MIN_FACE_M = 0.03
 
 
 def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
@@ -61,7 +63,8 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             f"{names[chosen] if chosen is not None else 'the model'!r}, found none; "
             "choose another storey or height of the cut"
         )
-    solid = _without_seams(areas)
+    # Neighbouring walls are often mitred and meet up to rounding: seams of 4 mm are closed.
+    solid = without_seams(areas, 0.002)
     faces = faces_of_regions(solid, TOLERANCE_M, MIN_FACE_M)
     found = find_openings(ifcopenshell, walls, solid, floor + options.cut_height_m, unit_scale)
     on_map = map_conversion(model, unit_scale)
@@ -165,12 +168,6 @@ def _head(path: Path) -> bytes:
             return b""
         with archive.open(models[0]) as file:
             return file.read(HEAD_BYTES)
-
-
-def _without_seams(areas: list[BaseGeometry]) -> BaseGeometry:
-    """One area, m; neighbouring walls are often mitred and meet up to rounding: seams of 4 mm are closed."""
-    solid = shapely.buffer(shapely.union_all(areas), 0.002, join_style="mitre")
-    return shapely.buffer(solid, -0.002, join_style="mitre")
 
 
 def _by_storey(elements: list[Any], util_element: Any) -> dict[int, list[Any]]:

@@ -14,6 +14,7 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.formats import MAX_DEPTH
 from planfit.floorplan.vector.regions import section_area
 from planfit.geometry import segments
 
@@ -36,9 +37,6 @@ _NO_GLASS = re.compile(
 """Insulation, glass blocks, tiles: opaque."""
 _NOTHING = re.compile(r"\bair\b|luft|argon|krypton|lucht|lame d.air|cavity", re.IGNORECASE)
 """Between panes."""
-
-_MAX_DEPTH = 10
-"""Of wholes of wholes: in a damaged file they go round in circles."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +188,7 @@ def _is_called_glass(name: str) -> bool:
 def _is_panel(element: Any, util_element: Any) -> bool:
     """Whether a plate is of a curtain wall, at any depth."""
     whole, steps = util_element.get_aggregate(element), 0
-    while whole is not None and not whole.is_a("IfcCurtainWall") and steps < _MAX_DEPTH:
+    while whole is not None and not whole.is_a("IfcCurtainWall") and steps < MAX_DEPTH:
         whole, steps = util_element.get_aggregate(whole), steps + 1
     is_part = whole is not None and whole.is_a("IfcCurtainWall")
     return element.is_a("IfcPlate") and is_part

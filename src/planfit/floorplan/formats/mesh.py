@@ -1,7 +1,6 @@
 """A plan from a scan that is true: a mesh or a point cloud, projected to the horizontal plane, and straight
 faces among its points."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,13 @@ from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import MAX_LINES
-from planfit.priors import PATCH_TURN_MOST_DEG
+from planfit.priors import PATCH_TURN_MOST_DEG, SURFACE_TILT_MOST_DEG
 
 N_SAMPLES = 400_000
 HALF_BAND_M = 0.35
 """Walls are taken from this far below and above the height of the cut: over tables, under lintels."""
-MAX_RISE = 0.26
-"""Of a wall's normal, out of the horizontal: 15 degrees."""
+MAX_RISE = np.sin(np.deg2rad(SURFACE_TILT_MOST_DEG.value))
+"""Of a wall's normal, out of the horizontal."""
 DASH_M = 0.02
 """Length of the dash that shows a point of the surface in pictures."""
 _NEIGHBOURS = 16
@@ -58,8 +57,8 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
     near = np.abs(height - floor - options.cut_height_m) < HALF_BAND_M
     near &= np.abs(normals[:, axis]) < MAX_RISE
     xy, across = points[near][:, horizontal] * flip, normals[near][:, horizontal] * flip
-    lines = wall_lines(xy, across, is_oriented)
-    if len(lines.ends) == 0:
+    ends, across_lines, n_left = wall_lines(xy, across, is_oriented)
+    if len(ends) == 0:
         raise FloorplanError(
             f"{path}: expected upright surfaces {options.cut_height_m:g} m above the floor, found "
             f"none with {'xyz'[axis]} up; choose another height of the cut, or turn the model"
@@ -73,14 +72,14 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
     rows[:2, :2] = np.diag(flip / unit.scale)
     rows[2, 2] = 1.0
     return Floorplan(
-        str(path), lines.ends, lines.normals, np.full(len(lines.ends), is_oriented),
+        str(path), ends, across_lines, np.full(len(ends), is_oriented),
         fingerprint_of(path), is_metric=unit.metres is not None,
         source=PlanSource(
             kind="mesh or point cloud",
             unit=unit.name,
             unit_from=unit.known_from,
             warnings=(f"up is {'xyz'[axis]} ({up}); the floor is at {floor:.2f} m",),
-            dropped=(f"{lines.n_left} of {len(xy)} points on no straight wall",),
+            dropped=(f"{n_left} of {len(xy)} points on no straight wall",),
             file_from_plan=rows,
             drawn_lines=_dashes(xy, across) / unit.scale * flip,
         ),
@@ -164,21 +163,11 @@ def _histogram(
     return np.bincount(index[level > 0.95], minlength=1).astype(float), start, step
 
 
-@dataclass(frozen=True)
-class WallLines:
-    """Faces found among points, strongest line first."""
-
-    ends: Float[np.ndarray, "n 2 2"]
-    """M; the free side is on the left where normals tell it."""
-    normals: Float[np.ndarray, "n 2"]
-    n_left: int
-    """Points on no face."""
-
-
 def wall_lines(
     xy: Float[np.ndarray, "n 2"], normals: Float[np.ndarray, "n 2"], is_oriented: bool
-) -> WallLines:
-    """Lines through points, m, with normals, the strongest first, each cut at gaps.
+) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, "k 2"], int]:
+    """Lines through points, m, with normals, the strongest first, each cut at gaps; their normals, the free
+    side on the left where `normals` tell it; and the number of points on none.
 
     A line is the peak of the points' own votes for its direction and offset, refined by the middle of
     the points within its width. Where `is_oriented`, the two faces of a thin wall are apart by
@@ -208,7 +197,7 @@ def wall_lines(
                 ends.append(offset * normal + np.outer([low, high], along))
                 chosen.append(normal)
         free = free[~on]
-    return WallLines(np.array(ends).reshape(-1, 2, 2), np.array(chosen).reshape(-1, 2), len(free))
+    return np.array(ends).reshape(-1, 2, 2), np.array(chosen).reshape(-1, 2), len(free)
 
 
 def _strongest(

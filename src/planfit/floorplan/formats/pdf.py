@@ -14,10 +14,10 @@ import shapely
 from jaxtyping import Float
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.formats import fingerprint_of
+from planfit.floorplan.faces import groups_within
+from planfit.floorplan.formats import MAX_DEPTH, fingerprint_of
 from planfit.floorplan.formats.dxf_contents import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_paths import Clips, hidden_layers, layer_of, matrix_of, sub_paths
-from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
@@ -42,7 +42,6 @@ MAX_OBJECTS = MAX_ENTITIES
 """Objects of a page with all its forms drawn out; large plans have some hundred thousand."""
 METRES_PER_POINT = INCH_M / 72
 """A point of PDF is 1/72 inch (ISO 32000-1)."""
-_MAX_FORM_DEPTH = 12
 _CANNOT_TELL = 7
 _OPEN_PAGE = f"""
 import sys
@@ -280,7 +279,7 @@ def _drawing(
                 corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) @ shown_from_item.T
                 shown = shapely.intersection(shapely.Polygon(corners[:, :2]), page_area)
                 page_share = max(page_share, shown.area / page_area.area)
-            elif kind == raw.FPDF_PAGEOBJ_FORM and depth < _MAX_FORM_DEPTH:
+            elif kind == raw.FPDF_PAGEOBJ_FORM and depth < MAX_DEPTH:
                 stack.append((item, of_form, shown_from_item, depth + 1, layer))
     _add_texts(builder, page, shown_from_page)
     drawing = builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden)))

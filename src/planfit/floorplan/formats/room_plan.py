@@ -20,15 +20,14 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.edits import MAX_ENTRIES
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.regions import SelfCrossings
+from planfit.floorplan.vector.regions import MIN_FACE_M, SelfCrossings
 from planfit.geometry import segments
 from planfit.priors import DOOR_WIDTH_MOST_M
 
-MAX_SURFACES = 100_000
-MIN_FACE_M = 0.02
 INSIDE_M = 0.15
 """The floor reaches to the walls within so much: a wall looks to the side on which it lies."""
 NEAR_M = 0.3
@@ -169,9 +168,9 @@ def _listed(path: Path, content: dict[str, Any], kind: str) -> list[Any]:
             f"{path}: expected a list of {kind}, found another value; export it again"
         )
     found = [item for each in lists for item in each]
-    if len(found) > MAX_SURFACES:
+    if len(found) > MAX_ENTRIES:
         raise FloorplanError(
-            f"{path}: expected at most {MAX_SURFACES} {kind}, found {len(found)}; export one room"
+            f"{path}: expected at most {MAX_ENTRIES} {kind}, found {len(found)}; export one room"
         )
     return found
 

@@ -77,7 +77,7 @@ class Candidate:
 def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     """Candidates as solid walls (black, and each grey tone), as hatched walls, as double lines."""
     lines = (darkness > DARK).astype(np.uint8)
-    extent = _extent(lines)
+    extent = find_extent(darkness)
     if extent < 30:
         return []
     line_work = find_line_work(lines, max(int(extent / 14), 6))
@@ -102,11 +102,8 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
 
 def find_extent(darkness: Float[np.ndarray, "h w"]) -> float:
     """Larger side (px) of what is drawn; 0 where there is nothing."""
-    return _extent((darkness > DARK).astype(np.uint8))
-
-
-def _extent(lines: UInt8[np.ndarray, "h w"]) -> float:
-    rows, columns = np.flatnonzero(lines.any(axis=1)), np.flatnonzero(lines.any(axis=0))
+    is_dark = darkness > DARK
+    rows, columns = np.flatnonzero(is_dark.any(axis=1)), np.flatnonzero(is_dark.any(axis=0))
     if len(rows) == 0:
         return 0.0
     return float(max(np.ptp(rows), np.ptp(columns)) + 1)

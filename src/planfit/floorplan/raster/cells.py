@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from planfit.floorplan.columns import ELONGATED
+from planfit.floorplan.elements import ELONGATED
 from planfit.floorplan.raster.line_work import LineWork, closed, of_labels, opened
 
 _FATTEST = 1 / 14

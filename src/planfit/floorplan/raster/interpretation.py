@@ -9,12 +9,13 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 
-from planfit.floorplan.columns import ELONGATED
+from planfit.floorplan.elements import ELONGATED
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.gaps import PARALLEL
 from planfit.floorplan.raster.candidates import Candidate
 from planfit.floorplan.raster.trace import straight_lengths, trace_regions
 from planfit.floorplan.vector.line_work import outlines
+from planfit.floorplan.vector.regions import without_seams
 from planfit.geometry import segments
 
 STRAIGHT = 0.6
@@ -71,26 +72,24 @@ def interpret(candidate: Candidate, extent_px: float, is_given: bool = False) ->
     if len(regions) == 0:
         return Interpretation(candidate, (), (), 0.0, 0.0, 0.0)
     forms = measure_forms(regions)
-    outline, thickness, reach, straight = (
-        forms.outline, forms.thickness, forms.reach, forms.straight
-    )  # fmt: skip
+    outline, thickness, straight = forms.outline, forms.thickness, forms.straight
     share = straight / np.maximum(outline, 1e-6)
     is_long = (
-        (reach >= ELONGATED * thickness) & (share >= STRAIGHT) & (thickness < _FATTEST * extent_px)
+        (forms.reach >= ELONGATED * thickness)
+        & (share >= STRAIGHT)
+        & (thickness < _FATTEST * extent_px)
     )
     if not (is_given or is_long.any()):
         return Interpretation(candidate, (), tuple(regions), 0.0, 0.0, 0.0)
     usual = weighted_median(thickness[is_long], outline[is_long]) if is_long.any() else 1.0
-    is_wall = is_long & (reach >= 2.5 * usual) & (thickness >= 0.3 * usual)
+    is_wall = is_long & (forms.reach >= 2.5 * usual) & (thickness >= 0.3 * usual)
     is_wall |= _are_columns(regions, outline, usual)
     if is_given:
         is_long[:] = is_wall[:] = True
         usual = weighted_median(thickness, outline)
     is_wall &= is_given | ~_are_frames(regions, outline, is_wall, thickness < 0.6 * usual)
     if candidate.edge == "stroke":
-        is_wall &= _are_part_of_the_building(
-            regions, straight, is_wall, thickness / usual, extent_px, usual
-        )
+        is_wall &= _are_part_of_the_building(regions, forms, is_wall, extent_px, usual)
     good = float(straight[is_wall].sum())
     straight_share = good / float(outline.sum())
     return Interpretation(
@@ -138,11 +137,9 @@ def _joined(walls: Shaped[np.ndarray, " n"], candidate: Candidate) -> tuple[shap
     if candidate.edge != "stroke":
         return tuple(walls)
     reach = max(0.6 * abs(candidate.grow_px), 0.6)
-    grown = shapely.union_all(shapely.buffer(walls, reach, join_style="mitre"))
-    joined = shapely.buffer(grown, -reach, join_style="mitre")
     return tuple(
         part
-        for part in shapely.get_parts(joined)
+        for part in shapely.get_parts(without_seams(walls, reach))
         if isinstance(part, shapely.Polygon) and part.area > 0
     )
 
@@ -184,9 +181,8 @@ def _are_frames(
 
 def _are_part_of_the_building(
     regions: Shaped[np.ndarray, " n"],
-    straight: Float[np.ndarray, " n"],
+    forms: Forms,
     is_wall: Bool[np.ndarray, " n"],
-    thickness: Float[np.ndarray, " n"],
     extent_px: float,
     usual: float,
 ) -> Bool[np.ndarray, " n"]:
@@ -194,26 +190,23 @@ def _are_part_of_the_building(
 
     Args:
         regions: polygons.
-        straight: length of their long edges, px.
+        forms: of these.
         is_wall: what has the form of walls by itself.
-        thickness: in shares of the usual one.
         extent_px: of the drawing.
         usual: thickness, px.
     """
+    outline, straight, thickness = forms.outline, forms.straight, forms.thickness / usual
     # Lines of furniture are nearer to each other than those of walls.
     is_thick = is_wall & (thickness > 0.35)
     least = min(0.25 * straight[is_wall].max(initial=0.0), 0.25 * extent_px)
     is_large = is_thick & (straight > least)
-    outline = shapely.length(regions)
     has_holes = shapely.get_num_interior_rings(regions) > 0
     # A bar of length L and thickness t has the outline 2 (L + t) and the area L t.
     area = shapely.area(regions)
     is_straight = area > 0.75 * np.maximum(shapely.area(shapely.oriented_envelope(regions)), 1e-6)
     is_bar = is_straight & (outline**2 > 30.0 * area)
     # The frame of a window, a table, a bath: a small ring, thinner than walls.
-    bounds = shapely.bounds(regions)
-    reach = np.maximum(bounds[:, 2] - bounds[:, 0], bounds[:, 3] - bounds[:, 1])
-    is_large &= ~((has_holes | ~is_straight) & (thickness < 0.7) & (reach < 0.2 * extent_px))
+    is_large &= ~((has_holes | ~is_straight) & (thickness < 0.7) & (forms.reach < 0.2 * extent_px))
     # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
     is_large &= ~(is_bar & (thickness > 1.6))
     result = is_large | (is_thick & is_bar & (thickness < 1.6) & (outline > 0.1 * extent_px))

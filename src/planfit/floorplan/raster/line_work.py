@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Int, UInt8
 
-from planfit.floorplan.columns import ELONGATED
+from planfit.floorplan.elements import ELONGATED
 
 _HATCHED_SHARE = 0.06
 """Hatching covers at least this share of a strip; what crosses an empty strip covers less."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Shaped, UInt8
 
 from planfit.errors import FloorplanError
 
@@ -125,20 +125,24 @@ def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
 def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:
     """Turn the picture so that its main direction runs along rows and columns."""
     skew_deg = find_skew_deg(darkness)
-    h, w = darkness.shape
     if abs(skew_deg) < 0.1:
         return Upright(darkness, np.eye(2, 3), 0.0)
+    return Upright(*_turned_back(darkness, skew_deg, cv2.INTER_LINEAR), skew_deg)
+
+
+def _turned_back(
+    values: Shaped[np.ndarray, "h w"], skew_deg: float, interpolation: int
+) -> tuple[Shaped[np.ndarray, "a b"], Float[np.ndarray, "2 3"]]:
+    """A whole picture whose lines that go up to the right by an angle lie along rows, and from its pixels to
+    those; `interpolation` of OpenCV."""
+    h, w = values.shape
     c, s = np.cos(np.deg2rad(skew_deg)), np.sin(np.deg2rad(skew_deg))
-    # Lines that go up to the right by the skew come to lie along rows: v grows downwards.
-    rotation = np.array([[c, -s], [s, c]])
+    rotation = np.array([[c, -s], [s, c]])  # v grows downwards
     corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
     low = np.floor(corners.min(axis=0))
     size = np.ceil(corners.max(axis=0) - low).astype(int) + 1
     matrix = np.column_stack([rotation, -low])
-    rotated = cv2.warpAffine(
-        darkness, matrix, (int(size[0]), int(size[1])), flags=cv2.INTER_LINEAR, borderValue=0
-    )
-    return Upright(rotated, matrix, skew_deg)
+    return cv2.warpAffine(values, matrix, (int(size[0]), int(size[1])), flags=interpolation), matrix
 
 
 def rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
@@ -217,19 +221,11 @@ def _longest_lines(
     angle = np.rad2deg(np.arctan2(-gv, gu))
     v, u = np.nonzero(strong)
     long_px = max(int(_LONG_LINE * max(np.ptp(u), np.ptp(v))), 12)
-    h, w = strong.shape
     length = []
     for at in angles_deg:
         off = np.abs((angle - at + 45.0) % 90.0 - 45.0)
         edges = (strong & (off < _SAME_DEG)).astype(np.uint8)
-        c, s = np.cos(np.deg2rad(at)), np.sin(np.deg2rad(at))
-        rotation = np.array([[c, -s], [s, c]])
-        corners = np.array([[0, 0], [w - 1, 0], [0, h - 1], [w - 1, h - 1]]) @ rotation.T
-        size = np.ceil(np.ptp(corners, axis=0)).astype(int) + 1
-        rotated = cv2.warpAffine(
-            edges, np.column_stack([rotation, -corners.min(axis=0)]), (int(size[0]), int(size[1])),
-            flags=cv2.INTER_NEAREST,
-        )  # fmt: skip
+        rotated, _ = _turned_back(edges, at, cv2.INTER_NEAREST)
         length.append(_length_along_rows(rotated, long_px) + _length_along_rows(rotated.T, long_px))
     return angles_deg[int(np.argmax(length))]
 

@@ -8,6 +8,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.gaps import find_openings
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.plans_on_sheet import (
     MOST_STOREYS,
@@ -21,7 +22,6 @@ from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candi
 from planfit.floorplan.raster.choice import choose, find_walls_alone, with_paler_walls
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
-from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.raster.picture import (
     DARK,
     Upright,
@@ -43,7 +43,8 @@ from planfit.floorplan.raster.sheet_marks import (
 )
 from planfit.floorplan.raster.trace import settle_faces, straight_lengths
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.regions import RegionFaces, faces_of_regions
+from planfit.floorplan.vector.line_work import WallFaces
+from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry import segments
 
 WORK_SIDE_PX = 2000
@@ -159,30 +160,25 @@ def _enlarged(plan: Floorplan, factor: int) -> Floorplan:
         return plan
     # Centres of pixels are integers before and after; y goes up.
     offset = (factor - 1) / 2 * np.array([1.0, -1.0])
-    source, openings = plan.source, plan.openings
-    dropped = source.dropped_lines
+    thickness, dropped = plan.thickness, plan.source.dropped_lines
     words = (
         f"the picture is huge and was read shrunk {factor} times; walls thinner than {3 * factor} px may be "
         "missed"
     )
-    return replace(
-        plan,
-        ends=factor * plan.ends + offset,
-        thickness=None if plan.thickness is None else factor * plan.thickness,
-        openings=None if openings is None else factor * openings + offset,
-        source=replace(
-            source,
-            dropped_lines=None if dropped is None else factor * dropped + np.abs(offset),
-            warnings=(*source.warnings, words),
-        ),
-    )
+    plan = plan.mapped(
+        lambda xy: factor * xy + offset,
+        np.eye(3),  # the plan's coordinates stay those of the file
+        thickness=None if thickness is None else factor * thickness,
+    ).with_warning(words)
+    lines = None if dropped is None else factor * dropped + np.abs(offset)
+    return replace(plan, source=replace(plan.source, dropped_lines=lines))
 
 
 @dataclass(frozen=True)
 class _Found:
     """Faces in pixels of the upright picture."""
 
-    faces: RegionFaces
+    faces: WallFaces
     storey: Int[np.ndarray, " n"]
     """Number of the storey of each face."""
     storeys: tuple[str, ...]
@@ -258,7 +254,7 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     """Faces of each storey, where the ink of the full picture has them."""
     walls = np.array(interpretation.all_walls, dtype=object)
     parts = [_faces_of_style(part) for part in interpretation.parts]
-    faces = RegionFaces.together(parts)
+    faces = WallFaces.together(parts)
     openings = find_openings(faces.ends, faces.normals, faces.thickness)
     small = shrunk(upright.darkness, shrink)
     is_drawn = small > FAINT_LINE
@@ -269,9 +265,9 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     candidate = interpretation.candidate
     settled = []
     for part, own in zip(interpretation.parts, parts, strict=True):
-        found = RegionFaces((own.ends + 0.5) * size - 0.5, own.normals, own.thickness * shrink)
+        found = replace(own, ends=(own.ends + 0.5) * size - 0.5, thickness=own.thickness * shrink)
         settled.append(_settled(found, part.candidate, upright, shrink))
-    faces = RegionFaces.together(settled)
+    faces = WallFaces.together(settled)
     words = storey_words(walls, storey_of)
     doubts = find_doubts(faces.ends, openings, interpretation.all_walls, len(words))
     if len(words) > MOST_STOREYS:
@@ -279,16 +275,14 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     return _Found(faces, storey, words, () if candidate.edge == "mask" else doubts)
 
 
-def _faces_of_style(part: Interpretation) -> RegionFaces:
+def _faces_of_style(part: Interpretation) -> WallFaces:
     # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
     is_alone = part.candidate.style is WallStyle.BLACK_ALONE
     least_px = 3.0 if is_alone else max(0.5 * part.thickness_px, 5.0)
     return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
 
 
-def _settled(
-    faces: RegionFaces, candidate: Candidate, upright: Upright, shrink: float
-) -> RegionFaces:
+def _settled(faces: WallFaces, candidate: Candidate, upright: Upright, shrink: float) -> WallFaces:
     """Faces of one style, px of the upright picture, where its ink has them."""
     if candidate.edge == "mask" or len(faces.ends) == 0:
         return faces

@@ -54,15 +54,24 @@ _ALONG_RIM = 0.1
 """Share of a side of the picture that is dark where a desk lies along it."""
 
 
-def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The picture with bars of titles blanked, dark with white letters along a side of what is drawn; the
-    same where there are none."""
+def _marks(
+    darkness: Float[np.ndarray, "h w"],
+) -> tuple[
+    Int[np.ndarray, "h w"], Int[np.ndarray, "n 5"], Int[np.ndarray, "2"], Int[np.ndarray, "2"]
+]:
+    """What is drawn: labels and boxes (u, v, width, height, pixels) of connected parts, and the lowest and
+    highest u and v of all but specks; (0, 0) where there are specks alone."""
     lines = (darkness > DARK).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
     marks = stats[1:][stats[1:, 4] > _SPECK_PX]
-    if len(marks) == 0:
-        return darkness
-    low, high = marks[:, :2].min(axis=0), (marks[:, :2] + marks[:, 2:4]).max(axis=0)
+    marks = marks if len(marks) else np.zeros((1, 5), dtype=int)
+    return labels, stats, marks[:, :2].min(axis=0), (marks[:, :2] + marks[:, 2:4]).max(axis=0)
+
+
+def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """The picture with bars of titles blanked, dark with white letters along a side of what is drawn; the
+    same where there are none."""
+    labels, stats, low, high = _marks(darkness)
     result = darkness
     for label in 1 + np.flatnonzero(stats[1:, 4] > _SPECK_PX):
         box = stats[label]
@@ -105,14 +114,11 @@ def _has_letters(mask: Bool[np.ndarray, "h w"]) -> bool:
 def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """The picture with the frame blanked, or two frames of which one is in the other; the same where there is
     none."""
-    lines = (darkness > DARK).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(lines, connectivity=8)
-    marks = stats[1:][stats[1:, 4] > _SPECK_PX]  # specks lie anywhere
-    if len(marks) == 0:
+    labels, stats, low, high = _marks(darkness)
+    size = high - low
+    if not size.any():
         return darkness
-    low = marks[:, :2].min(axis=0)
-    size = (marks[:, :2] + marks[:, 2:4]).max(axis=0) - low
-    is_all_round = (stats[:, 2:4] > _ALL_ROUND * size).all(axis=1)
+    is_all_round = np.asarray((stats[:, 2:4] > _ALL_ROUND * size).all(axis=1))
     is_all_round[0] = False
     # Specks outside do not matter.
     is_mark = stats[:, 4] > 1e-4 * size[0] * size[1]

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -9,7 +10,7 @@ import shapely
 from jaxtyping import Float, Int, Shaped, UInt8
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.regions import RegionFaces
+from planfit.floorplan.vector.line_work import WallFaces
 from planfit.geometry import segments
 
 _CORNER_PX = 1.6
@@ -158,12 +159,12 @@ def _meet(
 
 
 def settle_faces(
-    faces: RegionFaces,
+    faces: WallFaces,
     darkness: Float[np.ndarray, "h w"],
     level: float,
     is_stroke: bool,
     reach_px: float,
-) -> RegionFaces:
+) -> WallFaces:
     """Faces moved along their normals to where the ink is, by the median over each.
 
     Args:
@@ -195,10 +196,10 @@ def settle_faces(
         known = move[first:last][is_known[first:last]]
         if 2 * len(known) >= last - first:
             moves[i] = np.clip(np.median(known), -reach_px, reach_px)
-    return RegionFaces(
-        faces.ends + moves[:, None, None] * faces.normals[:, None],
-        faces.normals,
-        np.maximum(faces.thickness + moves, 0.5),
+    return replace(
+        faces,
+        ends=faces.ends + moves[:, None, None] * faces.normals[:, None],
+        thickness=np.maximum(faces.thickness + moves, 0.5),
     )
 
 

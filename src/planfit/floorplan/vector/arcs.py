@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.drawing import Lines
+from planfit.floorplan.vector.line_work import WallFaces
 from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
 
@@ -93,7 +93,7 @@ def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"
     return segments.turns(along[:-1], along[1:]), is_one
 
 
-def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+def round_walls(lines: Lines, usual_thickness: float) -> tuple[WallFaces, Bool[np.ndarray, " n"]]:
     """Faces of round walls, and which lines they are.
 
     Args:
@@ -126,7 +126,7 @@ def round_walls(lines: Lines, usual_thickness: float) -> tuple[LineFaces, Bool[n
     normals = segments.left_normals(ends[is_face])
     # The outer one of the two looks away from the centre.
     side = np.sign(np.einsum("ni,ni->n", normals, outwards)) * np.sign(gap[is_face])
-    return LineFaces.oriented(ends[is_face], normals * side[:, None], np.abs(gap[is_face])), found
+    return WallFaces.oriented(ends[is_face], normals * side[:, None], np.abs(gap[is_face])), found
 
 
 def _arcs(

@@ -1,19 +1,19 @@
 """What filled and hatched areas mean: solid wall, or the floors of rooms with the walls left out between."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings, weighted_median
-from planfit.floorplan.near_lines import connected_groups, in_blocks
+from planfit.floorplan.faces import connected_groups, in_blocks, line_strings, weighted_median
 from planfit.floorplan.vector.drawing import LIGHT, Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, path_rings
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.sheet import LONGEST_TICK, WHOLE
+from planfit.floorplan.vector.strokes import LEAST_SLIM, MOST_COVERED, slimness
 
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
@@ -26,19 +26,8 @@ ROOM_SIZED, MUCH_LEFT_OUT = 0.25, 0.1
 ALL_ON, MORE_ON = 0.9, 2.0
 """The ground carries so much of the outline of all other areas, which is so many times as long as its own:
 furniture of one room is not all that is filled, and columns of a hall have less outline than it."""
-
-
-@dataclass(frozen=True)
-class Areas:
-    """Areas by meaning."""
-
-    walls: list[BaseGeometry]
-    rooms: list[BaseGeometry]
-
-
 HIDDEN = 0.1
 """Of a floor, what shows where others are laid over it all: nothing of a plot under eleven rooms."""
-
 OUTLINE_SAMPLES = 50
 """Places on an outline that are looked at, to see whether it is drawn."""
 
@@ -49,8 +38,9 @@ def sort_fills(
     extent: float,
     ends: Float[np.ndarray, "n 2 2"],
     is_paper_white: bool = True,
-) -> Areas:
-    """Sort fills by what their colour and shape say; specks say nothing, nor do white ones on white paper.
+) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
+    """Walls and rooms among fills by what their colour and shape say; specks say nothing, nor do white ones
+    on white paper.
 
     Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
     slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
@@ -80,14 +70,13 @@ def sort_fills(
         are_apart = _is_white(colour) or _have_outlines(polygons, ends, extent)
         parts = shapely.get_parts(np.array(polygons) if are_apart else area)
         parts = parts[~_are_arrowheads(parts, extent)]
-        sizes = shapely.area(parts)
-        perimeters = shapely.length(parts)
+        sizes, forms = shapely.area(parts), np.array([slimness(part) for part in parts])
         parts = parts[sizes > (1e-3 * extent) ** 2]
         if len(parts) == 0:
             continue
-        slim = weighted_median(perimeters**2 / (16 * np.maximum(sizes, 1e-300)), sizes)
+        slim = weighted_median(forms, sizes)
         coverage = sizes.sum() / max(shapely.convex_hull(area).area, 1e-300)
-        looks_like_wall = slim > 2.5 and coverage < 0.45
+        looks_like_wall = slim > LEAST_SLIM and coverage < MOST_COVERED
         # A group `walls` may hold rooms as pale rectangles, whose outlines are the walls.
         is_floor = not looks_like_wall and colour is not None and min(colour) >= LIGHT
         is_called_wall = roles[layer] == Role.WALL and not is_floor
@@ -100,7 +89,7 @@ def sort_fills(
             rooms.extend(parts)
         elif looks_like_wall and not is_dark(colour):
             rooms.extend(parts)  # corridors
-    return Areas(walls, rooms)
+    return walls, rooms
 
 
 def _have_outlines(
@@ -108,7 +97,9 @@ def _have_outlines(
 ) -> bool:
     """Whether lines are drawn all around most of some areas, as around rooms; not around the pieces that a
     program cuts one into."""
-    return len(polygons) > 1 and bool((_drawn(polygons, ends, extent) > WHOLE).mean() > WHOLE)
+    return len(polygons) > 1 and bool(
+        (drawn_shares(np.array(polygons), ends, extent) > WHOLE).mean() > WHOLE
+    )
 
 
 def without_surroundings(
@@ -124,19 +115,21 @@ def without_surroundings(
     """
     if not rooms:
         return rooms
-    drawn, area = _drawn(rooms, ends, extent), shapely.area(np.array(rooms))
+    drawn, area = drawn_shares(np.array(rooms), ends, extent), shapely.area(np.array(rooms))
     if 2 * area[drawn > WHOLE].sum() < area.sum():
         return rooms
     return [room for room, share in zip(rooms, drawn, strict=True) if share > 1 - WHOLE]
 
 
-def _drawn(
-    polygons: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
+def drawn_shares(
+    shapes: Shaped[np.ndarray, " k"], ends: Float[np.ndarray, "n 2 2"], extent: float
 ) -> Float[np.ndarray, " k"]:
-    """Share of the outline of each area along which lines are drawn."""
+    """Share of the outline of each area, or of each line, along which lines are drawn."""
     if len(ends) == 0:
-        return np.zeros(len(polygons))
-    rings, of = shapely.get_parts(shapely.boundary(np.array(polygons)), return_index=True)
+        return np.zeros(len(shapes))
+    is_area = shapely.get_dimensions(shapes) == 2
+    edges = np.where(is_area, shapely.boundary(shapes), shapes)
+    rings, of = shapely.get_parts(edges, return_index=True)
     lengths = shapely.length(rings)
     shares = (np.arange(OUTLINE_SAMPLES) + 0.5) / OUTLINE_SAMPLES
     places = shapely.line_interpolate_point(rings[:, None], lengths[:, None] * shares).ravel()

@@ -7,7 +7,7 @@ import shapely
 from jaxtyping import Bool, Int
 
 from planfit.floorplan.vector.arcs import arc_segments, joints
-from planfit.floorplan.vector.drawing import ABSURD, Lines, VectorDrawing
+from planfit.floorplan.vector.drawing import ABSURD, SAME, Lines, VectorDrawing
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
@@ -87,7 +87,7 @@ def _simplified(lines: Lines) -> Lines:
     order = np.argsort(owner, kind="stable")
     paths = shapely.linestrings(points[order], indices=owner[order])
     simple, of = shapely.get_coordinates(
-        shapely.simplify(paths, 3e-5 * extent, preserve_topology=False), return_index=True
+        shapely.simplify(paths, SAME * extent, preserve_topology=False), return_index=True
     )
     # Two points in sequence are a segment where they are of one run.
     same = of[:-1] == of[1:]

@@ -13,11 +13,11 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
-from planfit.floorplan.near_lines import connected_groups
-from planfit.floorplan.vector.drawing import Fill, Lines
+from planfit.floorplan.faces import connected_groups, line_strings
+from planfit.floorplan.vector.drawing import EDGE, SAME, Fill, Lines
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import ends_of, extremes, path_rings
+from planfit.floorplan.vector.regions import without_seams
 from planfit.floorplan.vector.single_lines import MIN_ENDING
 from planfit.geometry import segments
 
@@ -35,10 +35,6 @@ _ALIKE, _MANY = 0.1, 3
 """Elsewhere than among walls, columns are at least so many of one size, up to this share of it."""
 _AROUND = 0.5
 """Of the length of all lines, what the outer outline holds at least: the outline is that of the building."""
-_SEAM = 3e-5
-"""Of the drawing's size: outlines that are the same up to rounding."""
-_MEETS = 1e-3
-"""Of the drawing's size: lines that end so near to an outline end at it."""
 
 
 @dataclass(frozen=True)
@@ -115,14 +111,14 @@ def open_walls(
         roles: of the layers.
         extent: of the drawing.
     """
-    seam = _SEAM * extent
+    seam = SAME * extent
     is_opening = np.array([role == Role.OPENING for role in roles], dtype=bool)
     areas = [*_closed_areas(lines.take(is_opening[lines.layer]))]
     areas += [fill.polygon for fill in fills if is_opening[fill.layer]]
     closed = OpenedWalls(solids, pieces, shapely.Polygon(), np.zeros((0, 2, 2)))
     if not areas or not (solids or pieces.areas):
         return closed
-    body = joined([*solids, *pieces.areas], seam)
+    body = without_seams([*solids, *pieces.areas], seam)
     shapely.prepare(body)
     grown = shapely.buffer(np.array(areas, dtype=object), seam, join_style="mitre")
     grown = grown[shapely.contains(shapely.buffer(body, 2 * seam, join_style="mitre"), grown)]
@@ -145,12 +141,6 @@ def open_walls(
         area,
         np.concatenate([ends[1 + k] for k in once]),
     )
-
-
-def joined(pieces: list[BaseGeometry], seam: float) -> BaseGeometry:
-    """One area; pieces that meet up to rounding are one wall."""
-    grown = shapely.union_all([piece.buffer(seam, join_style="mitre") for piece in pieces])
-    return grown.buffer(-seam, join_style="mitre")
 
 
 def _closed_areas(lines: Lines) -> np.ndarray:
@@ -241,30 +231,21 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
         extent: of the drawing.
     """
     none = shapely.Polygon()
-    rings = _closed_paths(lines)
-    rings = sorted(rings, key=lambda ring: -ring.area)[:2]
+    rings = sorted(_closed_areas(lines), key=lambda ring: -ring.area)[:2]
     if len(rings) < 2 or not rings[0].contains(rings[1]):
         return none
     outer, inner = rings
     strings = line_strings(lines.ends)
     inside = segments.lengths(lines.ends)[
-        shapely.covers(shapely.buffer(outer, _MEETS * extent), strings)
+        shapely.covers(shapely.buffer(outer, EDGE * extent), strings)
     ]
     if inside.sum() < _AROUND * segments.lengths(lines.ends).sum():
         return none
     apart = shapely.distance(shapely.points(shapely.get_coordinates(outer)), inner).max()
-    if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < _MEETS * extent:
+    if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < EDGE * extent:
         return none
     at = np.concatenate([lines.ends, lines.ends.mean(axis=1, keepdims=True)], axis=1)
-    on_inner = np.asarray(shapely.distance(shapely.points(at), inner.exterior)) < _MEETS * extent
+    on_inner = np.asarray(shapely.distance(shapely.points(at), inner.exterior)) < EDGE * extent
     # The middle of a line along the outline is on it too: that one is of the outline itself.
     is_ending = on_inner[:, :2].any(axis=1) & ~on_inner[:, 2]
     return outer.difference(inner) if is_ending.sum() >= MIN_ENDING else none
-
-
-def _closed_paths(lines: Lines) -> list[shapely.Polygon]:
-    """Paths of four segments or more that end where they began."""
-    rings = path_rings(lines.ends, lines.path)
-    closed = [ring[:-1] for _, ring, gaps in rings if np.allclose(ring[:-1] - gaps, ring[:-1])]
-    areas = [shapely.Polygon(corners) for corners in closed if len(corners) >= 4]
-    return [area for area in areas if area.is_valid]

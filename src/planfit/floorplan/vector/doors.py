@@ -11,10 +11,9 @@ import shapely
 from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
-from planfit.floorplan.near_lines import ends_that_meet
-from planfit.floorplan.vector.candidates import LineFaces
+from planfit.floorplan.faces import ends_that_meet, line_strings
 from planfit.floorplan.vector.door_swings import DoorSwing
+from planfit.floorplan.vector.line_work import WallFaces
 from planfit.geometry import segments
 
 BESIDE = 0.15
@@ -39,14 +38,14 @@ _WIDTH = 0.2
 class OpenedDoors:
     """Faces without those that ran through doors."""
 
-    faces: LineFaces
+    faces: WallFaces
     openings: Float[np.ndarray, "k 2 2"]
     """What was cut from them."""
     n_doors: int
 
 
 def open_doors(
-    faces: LineFaces, swings: list[DoorSwing], body: BaseGeometry, most: float
+    faces: WallFaces, swings: list[DoorSwing], body: BaseGeometry, most: float
 ) -> OpenedDoors:
     """Cut faces where a closed leaf lies in their wall.
 
@@ -122,7 +121,7 @@ def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float)
 
 
 def cut_faces(
-    faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int
+    faces: WallFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int
 ) -> OpenedDoors:
     """Faces without some parts of them.
 
@@ -149,7 +148,7 @@ def cut_faces(
             at = max(at, high)
     parts = faces.take(np.array(source, dtype=int))
     parts = replace(parts, ends=np.array(kept).reshape(-1, 2, 2))
-    both = LineFaces.of_parts([faces.take(whole), parts])
+    both = WallFaces.of_parts([faces.take(whole), parts])
     return OpenedDoors(both, np.array(openings).reshape(-1, 2, 2), n_doors)
 
 
@@ -191,7 +190,7 @@ def open_jambs(
 
 
 def _through_walls(
-    faces: LineFaces, cuts: dict[int, list[tuple[float, float]]], near: float
+    faces: WallFaces, cuts: dict[int, list[tuple[float, float]]], near: float
 ) -> dict[int, list[tuple[float, float]]]:
     """Cuts that the other face of the wall has too, at the same place."""
     of = np.array([i for i, gaps in cuts.items() for _ in gaps], dtype=int)
@@ -210,7 +209,7 @@ def _through_walls(
 
 
 def _jambs(
-    faces: LineFaces, lines: Float[np.ndarray, "n 2 2"], tolerance: float
+    faces: WallFaces, lines: Float[np.ndarray, "n 2 2"], tolerance: float
 ) -> Float[np.ndarray, "k 2 2"]:
     """Lines as long as walls are thick, both of whose ends lie on faces."""
     known = faces.thickness[np.isfinite(faces.thickness)]

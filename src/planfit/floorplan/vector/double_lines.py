@@ -14,12 +14,12 @@ from jaxtyping import Bool, Float, Int
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
     Partners,
+    connected_groups,
     find_partners,
     line_strings,
     weighted_median,
 )
-from planfit.floorplan.near_lines import connected_groups
-from planfit.floorplan.vector.candidates import LineFaces
+from planfit.floorplan.vector.line_work import WallFaces
 from planfit.floorplan.vector.wall_sides import (
     inner_lines,
     side_seen_from_partner,
@@ -136,7 +136,7 @@ def faces_of_lines(
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
     free_side: Int[np.ndarray, " n"],
-) -> LineFaces:
+) -> WallFaces:
     """Faces of walls drawn as two lines.
 
     Args:
@@ -307,7 +307,7 @@ def _faces(
     pairs: Partners,
     wall_side: Int[np.ndarray, " n"],
     thickness: Thickness,
-) -> LineFaces:
+) -> WallFaces:
     """Cut each line to where its wall is; corners and T-junctions, where a partner ends a wall's
     thickness early, belong to the face."""
     along, left = segments.directions(ends), segments.left_normals(ends)
@@ -328,7 +328,7 @@ def _faces(
             normals.append(-wall_side[i] * left[i])
             depths.append(depth)
             of_line.append(i)
-    return LineFaces.oriented(
+    return WallFaces.oriented(
         np.array(new_ends).reshape(-1, 2, 2),
         np.array(normals).reshape(-1, 2),
         np.array(depths),

@@ -25,6 +25,8 @@ DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""
 LIGHT = 200
 """Of 255, of every colour: paper and floors are lighter."""
+SAME = 3e-5
+"""Of the drawing's size: what is drawn so near is the same up to rounding."""
 EDGE = 1e-3
 """Of the drawing's size: lines this near to the edge of an area that covers what is under it show."""
 
@@ -194,10 +196,14 @@ def is_dark(colour: tuple[int, int, int] | None) -> bool:
 
 def _are_pale(pens: list[Pen | None]) -> Bool[np.ndarray, " p"]:
     """Pens as light as floors that are no broader than most of the others."""
-    light = [pen is not None and min(pen.colour or (0,)) >= LIGHT for pen in pens]
-    widths = np.array([0.0 if pen is None else pen.width for pen in pens])
-    is_light = np.array(light)
+    is_light = np.array([pen is not None and min(pen.colour or (0,)) >= LIGHT for pen in pens])
+    widths = _widths(pens)
     return is_light & (widths <= np.median(widths[~is_light] if not is_light.all() else widths))
+
+
+def _widths(pens: list[Pen | None]) -> Float[np.ndarray, " p"]:
+    """Of pens; 0 where it is not known."""
+    return np.array([0.0 if pen is None else pen.width for pen in pens])
 
 
 def _without_stroke_fills(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[Fill]]:
@@ -205,7 +211,7 @@ def _without_stroke_fills(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, 
     fills: list[Fill] = []
     if len(lines) < MANY:
         return lines, fills
-    width = np.array([0.0 if pen is None else pen.width for pen in pens])[lines.path]
+    width = _widths(pens)[lines.path]
     is_kept = np.ones(len(lines), dtype=bool)
     may_be = (width > 0) & np.isfinite(lines.ends).all(axis=(1, 2))
     kinds = np.stack([lines.layer, lines.style], axis=1)
@@ -223,10 +229,9 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
     """Lines without strokes that are walls by themselves, and those as areas, one a layer."""
     if len(lines) == 0 or all(pen is None or pen.width == 0 for pen in pens):
         return lines, []
-    width_of = np.array([0.0 if pen is None else pen.width for pen in pens])
     may_be = np.array([pen is not None and is_dark(pen.colour) for pen in pens])
     # What is drawn with gaps is overhead, or the edge of a plot.
-    width, may = width_of[lines.path], may_be[lines.path] & ~lines.is_dashed
+    width, may = _widths(pens)[lines.path], may_be[lines.path] & ~lines.is_dashed
     is_body = np.zeros(len(lines), dtype=bool)
     finite = np.flatnonzero((np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
     is_body[finite] = are_bodies(lines.ends[finite], width[finite], may[finite])

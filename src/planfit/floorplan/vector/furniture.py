@@ -10,9 +10,9 @@ from planfit.floorplan.faces import (
     Partners,
     covered_lengths,
     find_partners,
+    groups_within,
     line_strings,
 )
-from planfit.floorplan.near_lines import groups_within
 from planfit.floorplan.vector.double_lines import Thickness
 from planfit.floorplan.vector.drawing import EDGE
 from planfit.floorplan.vector.line_work import extremes
@@ -33,7 +33,6 @@ a cupboard has at one or two sides, a bed in a corner at two. Lines of one outli
 up to so many thicknesses of the usual one: a worktop is 0.6 m deep, a lift's wall 0.2 m."""
 LONGEST = 5.0
 """What is longer in its widths may be a piece of wall between two doors."""
-MOST_LINES = 200
 AROUND = 0.25
 """Of the hull of an outline, what must be seen to have room before it."""
 ROOM = 1.5
@@ -61,8 +60,7 @@ def are_furniture(
     count = np.bincount(group)
     low, high = extremes(ends.reshape(-1, 2), np.repeat(group, 2), len(count))
     size = (high - low).max(axis=1)
-    asked = (count >= 3) & (count <= MOST_LINES)
-    asked &= (size < LARGEST * extent) & (size > SLIM * thickness.usual)
+    asked = (count >= 3) & (size < LARGEST * extent) & (size > SLIM * thickness.usual)
     pairs = find_partners(ends, thickness.most, thickness.least, 0.0, PARALLEL_SINE)
     keep = (group[pairs.line] != group[pairs.partner]) | (np.abs(pairs.gap) < OWN * thickness.usual)
     covered = covered_lengths(pairs.line[keep], pairs.low[keep], pairs.high[keep], n)

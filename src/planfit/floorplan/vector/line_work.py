@@ -1,6 +1,8 @@
-"""Geometry of line work: sets of segments (n, 2, 2), curves and outlines as segments."""
+"""Geometry of line work: sets of segments (n, 2, 2), curves and outlines as segments; lines that may be faces
+of walls, and the faces that were found among them."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 
 import numpy as np
@@ -8,13 +10,16 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import PARALLEL_SINE, line_strings
-from planfit.floorplan.near_lines import (
+from planfit.floorplan.faces import (
     MAX_PAIRS,
+    PARALLEL_SINE,
+    Rows,
     at_most,
     connected_groups,
     in_blocks,
+    line_strings,
     possible_partners,
+    weighted_median,
 )
 from planfit.geometry import segments
 
@@ -25,15 +30,9 @@ MAX_LINES = 100_000
 
 
 def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray, "k 2"], bool]:
-    """Points along a cubic with control points, its first left out, and whether it bends.
-
-    A straight one is one segment: some programs write straight walls as curves.
-    """
-    chord = controls[3] - controls[0]
-    length_sq = float(chord @ chord)
-    offset = controls[1:3] - controls[0]
-    across = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0])
-    if length_sq > 0 and across.max() < 1e-3 * length_sq:
+    """Points along a cubic with control points, its first left out, and whether it bends; a straight one is
+    one segment."""
+    if not is_bent(controls):
         return controls[3:], False
     t = (np.arange(1, SEGMENTS_A_CUBIC + 1) / SEGMENTS_A_CUBIC)[:, None]
     s = 1 - t
@@ -44,6 +43,14 @@ def flatten_cubic(controls: Float[np.ndarray, "4 2"]) -> tuple[Float[np.ndarray,
         + t**3 * controls[3]
     )
     return points, True
+
+
+def is_bent(points: Float[np.ndarray, "n 2"]) -> bool:
+    """Whether a curve through points, or with these control points, leaves its chord: some programs write
+    straight walls as curves."""
+    chord, offset = points[-1] - points[0], points - points[0]
+    across = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0])
+    return not across.max() < 1e-3 * float(chord @ chord)
 
 
 class SubPaths:
@@ -232,3 +239,73 @@ def usual_extent(points: Float[np.ndarray, "n 2"]) -> float:
     near = away.max(axis=1) <= 20 * usual
     extent = float(np.ptp(points[near], axis=0).max()) if near.any() else 0.0
     return extent if extent > 0 else float(np.ptp(points, axis=0).max())
+
+
+@dataclass(frozen=True)
+class Candidates(Rows):
+    """Lines that may be faces of walls, merged: no two lie on one another."""
+
+    ends: Float[np.ndarray, "n 2 2"]
+    is_called_wall: Bool[np.ndarray, " n"]
+    """Whether the name of the layer, or a room that begins there, makes the line a wall."""
+    layer: Int[np.ndarray, " n"]
+    """Index of the layer, -1 for edges of rooms."""
+    free_side: Int[np.ndarray, " n"]
+    """1 where the left side is known to be free, 0 where nothing is."""
+
+    def __len__(self) -> int:
+        return len(self.ends)
+
+    def cut(self, ends: Float[np.ndarray, "m 2 2"], line: Int[np.ndarray, " m"]) -> "Candidates":
+        """Parts of the lines: `ends` of each, and the line that it is of."""
+        return replace(self.take(line), ends=ends)
+
+
+@dataclass(frozen=True)
+class WallFaces(Rows):
+    """Faces of walls, in the unit of the drawing."""
+
+    ends: Float[np.ndarray, "m 2 2"]
+    normals: Float[np.ndarray, "m 2"]
+    is_oriented: Bool[np.ndarray, " m"]
+    thickness: Float[np.ndarray, " m"]
+    """NaN where unknown."""
+    line: Int[np.ndarray, " m"]
+    """Index of the line that each lies on, -1 for none."""
+
+    @classmethod
+    def oriented(
+        cls,
+        ends: Float[np.ndarray, "m 2 2"],
+        normals: Float[np.ndarray, "m 2"],
+        thickness: Float[np.ndarray, " m"] | None = None,
+        line: Int[np.ndarray, " m"] | None = None,
+    ) -> "WallFaces":
+        """Faces whose free side is known; of unknown thickness, and on no line, where these are not given."""
+        n = len(ends)
+        thickness = np.full(n, np.nan) if thickness is None else thickness
+        return cls(
+            ends, normals, np.ones(n, bool), thickness, np.full(n, -1) if line is None else line
+        )
+
+    @classmethod
+    def without_a_side(
+        cls, ends: Float[np.ndarray, "m 2 2"], line: Int[np.ndarray, " m"] | None = None
+    ) -> "WallFaces":
+        """Faces of which neither side is known to be free; on no line where none are given."""
+        faces = cls.oriented(ends, segments.left_normals(ends), line=line)
+        return replace(faces, is_oriented=np.zeros(len(ends), dtype=bool))
+
+    @staticmethod
+    def of_parts(parts: "Sequence[WallFaces]") -> "WallFaces":
+        """All of several; none of no parts."""
+        none = WallFaces.oriented(np.zeros((0, 2, 2)), np.zeros((0, 2)))
+        return WallFaces.together([none, *parts])
+
+    @property
+    def usual_thickness(self) -> float | None:
+        """Median over the length of the faces of known thickness; None where no thickness is known."""
+        known = np.isfinite(self.thickness)
+        if not known.any():
+            return None
+        return weighted_median(self.thickness[known], segments.lengths(self.ends[known]))

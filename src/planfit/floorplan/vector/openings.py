@@ -14,7 +14,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import PARALLEL_SINE, line_strings
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.line_work import cut_out
 from planfit.geometry import segments
@@ -25,7 +25,7 @@ MAX_LENGTH = 12.0
 """Of an opening, in thicknesses of its wall: 4.8 m in one of 40 cm."""
 LAYERED_LENGTH = 8.0
 """Of a box with one line within, in thicknesses of its wall: longer ones are layers of the wall."""
-_CROSS_SINE, _PARALLEL_SINE = 0.94, 0.035
+_CROSS_SINE = 0.94
 
 
 def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, " k"]]:
@@ -104,9 +104,8 @@ class Windows:
 
     openings: Float[np.ndarray, "k 2 2"]
     """Their two sides along the faces of the wall."""
-    ends: Float[
-        np.ndarray, "m 2 2"
-    ]  # (m, 2, 2) the lines without panes, cut where sills ran through
+    ends: Float[np.ndarray, "m 2 2"]
+    """The lines without panes, cut where sills ran through."""
     line: Int[np.ndarray, " m"]
     """The line that each was."""
 
@@ -215,7 +214,7 @@ def _is_in_wall(
         return False
     direction = (box[1] - box[0]) / length
     outwards = np.outer([-1.0, 1.0, 1.0, -1.0], direction) * width
-    is_parallel = np.abs(segments.left_normals(ends) @ direction) < _PARALLEL_SINE
+    is_parallel = np.abs(segments.left_normals(ends) @ direction) < PARALLEL_SINE
     corner, line = tree.query(
         shapely.points(box + 0.5 * outwards), predicate="dwithin", distance=2 * tolerance
     )

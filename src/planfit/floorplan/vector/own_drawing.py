@@ -15,7 +15,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import SHORTEST_SHARE, Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import VectorDrawing
-from planfit.floorplan.vector.layer_words import length_words
+from planfit.floorplan.vector.layer_names import length_words
 from planfit.floorplan.vector.line_work import longest
 from planfit.floorplan.vector.units import unit_of_drawing
 from planfit.geometry import segments

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.gaps import find_openings
 from planfit.floorplan.options import PlanOptions, PlanUnit
 from planfit.floorplan.plans_on_sheet import (
     MOST_STOREYS,
@@ -19,20 +20,22 @@ from planfit.floorplan.plans_on_sheet import (
     storeys_warning,
 )
 from planfit.floorplan.plausible import are_closed_rooms, closed_shares, closed_words, sketch_words
-from planfit.floorplan.raster.openings import find_openings
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.candidates import LineFaces
 from planfit.floorplan.vector.cleaning import cleaned
 from planfit.floorplan.vector.drawing import EDGE, VectorDrawing
-from planfit.floorplan.vector.layer_names import Role, chosen_layers, role_of
-from planfit.floorplan.vector.layer_words import length_words, words_on_layers
-from planfit.floorplan.vector.line_work import longest, outlines
+from planfit.floorplan.vector.layer_names import (
+    Role,
+    chosen_layers,
+    length_words,
+    role_of,
+    words_on_layers,
+)
+from planfit.floorplan.vector.line_work import WallFaces, longest, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
-from planfit.floorplan.vector.room_sizes import scale_of_rooms
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
 from planfit.floorplan.vector.single_lines import body_of_faces
-from planfit.floorplan.vector.units import unit_of_drawing
+from planfit.floorplan.vector.units import scale_of_rooms, unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
 
@@ -45,8 +48,6 @@ SIDE = 1200
 LONGEST_PANE = 0.4
 """Lines longer than this share of the drawing that are no faces join no plans: axes and section lines run
 through all that are on a sheet."""
-THIN = EDGE
-"""Thickness of a wall drawn as one line, of the drawing's size."""
 
 
 def plan_of_drawing(
@@ -274,7 +275,7 @@ def shown_lines(
 
 
 def storeys_of_drawing(
-    faces: LineFaces, openings: Float[np.ndarray, "k 2 2"], lines: Float[np.ndarray, "m 2 2"]
+    faces: WallFaces, openings: Float[np.ndarray, "k 2 2"], lines: Float[np.ndarray, "m 2 2"]
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"], tuple[str, ...]]:
     """Storey of each face and of each opening, numbered as one reads a page, and where on it each storey is;
     all 0 where there is one plan.
@@ -296,7 +297,7 @@ def storeys_of_drawing(
     body = shapely.transform(body_of_faces(faces, extent), lambda xy: (xy - origin) * page)
     walls = np.array(shapely.get_parts(body), dtype=object)
     known = np.isfinite(faces.thickness)
-    thickness = faces.usual_thickness or THIN * extent
+    thickness = faces.usual_thickness or EDGE * extent
     is_short = segments.lengths(lines) < LONGEST_PANE * extent
     drawn = np.concatenate([(lines[is_short] - origin) * page, (faces.ends - origin) * page])
     gaps = (openings - origin) * page
@@ -323,10 +324,7 @@ def _grid(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, "h w"]:
     """Cells that lines go through, row v and column u."""
     grid = np.zeros((SIDE + 2, SIDE + 2), dtype=bool)
     n_steps = np.ceil(2 * segments.lengths(ends)).astype(int) + 1
-    line = np.repeat(np.arange(len(ends)), n_steps)
-    step = np.arange(len(line)) - np.repeat(np.cumsum(n_steps) - n_steps, n_steps)
-    share = (step / np.maximum(n_steps[line] - 1, 1))[:, None]
-    at = np.round((1 - share) * ends[line, 0] + share * ends[line, 1]).astype(int)
+    at = np.round(segments.spread(ends, n_steps)[0]).astype(int)
     at = at[((at >= 0) & (at < SIDE + 2)).all(axis=1)]
     grid[at[:, 1], at[:, 0]] = True
     return grid

@@ -3,26 +3,27 @@
 What readers of pictures, drawings and models share.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 import shapely
 from jaxtyping import Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import Rows, line_strings
-from planfit.floorplan.near_lines import LineWorkTooDense, check_crossings, in_blocks
-from planfit.floorplan.vector.line_work import edges_of_areas, outlines
+from planfit.floorplan.faces import LineWorkTooDense, check_crossings, in_blocks, line_strings
+from planfit.floorplan.vector.line_work import WallFaces, edges_of_areas, outlines
 from planfit.geometry import segments
 
 _SHORT_SHARE = 0.02
 """Of the extent of a plan: further than walls are thick."""
 _MANY_CORNERS = 200
 """Of a wall that hangs together: with more, pieces of it are cut for each face, not the whole."""
+TOLERANCE_M = 0.005
+"""How far corners of faces may be off, of files in metres."""
+MIN_FACE_M = 0.02
+"""What is shorter is no face there."""
 MAX_COORDINATE = 1e13
 """A quarter of the way round the Earth, in micrometres."""
-
-
 MAX_SELF_CROSSINGS = 4000
 """Of the outlines of all areas of a file; those of real drawings cross themselves a few times."""
 
@@ -53,18 +54,17 @@ class SelfCrossings:
         return shapely.make_valid(area)
 
 
-@dataclass(frozen=True)
-class RegionFaces(Rows):
-    """Boundary of solid wall; lengths in the unit of the regions."""
+def without_seams(
+    pieces: Sequence[BaseGeometry] | Shaped[np.ndarray, " n"], seam: float
+) -> BaseGeometry:
+    """One area of pieces that meet up to twice a seam, as those of one wall do up to rounding."""
+    grown = shapely.union_all(
+        shapely.buffer(np.array(pieces, dtype=object), seam, join_style="mitre")
+    )
+    return shapely.buffer(grown, -seam, join_style="mitre")
 
-    ends: Float[np.ndarray, "n 2 2"]
-    normals: Float[np.ndarray, "n 2"]
-    """Unit, out of the wall."""
-    thickness: Float[np.ndarray, " n"]
-    """Wall behind each face."""
 
-
-def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -> RegionFaces:
+def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -> WallFaces:
     """Straight faces around solid wall.
 
     Args:
@@ -88,9 +88,9 @@ def faces_of_regions(walls: BaseGeometry, tolerance: float, min_length: float) -
     ends = edges_of_areas([solid])
     ends = ends[segments.lengths(ends) >= max(min_length, 1e-9)]
     if len(ends) == 0:
-        return RegionFaces(ends, np.zeros((0, 2)), np.zeros(0))
+        return WallFaces.of_parts([])
     normals = -segments.left_normals(ends)
-    return RegionFaces(ends, normals, _thickness(solid, ends, normals))
+    return WallFaces.oriented(ends, normals, _thickness(solid, ends, normals))
 
 
 def _thickness(
@@ -186,27 +186,9 @@ def section_area(
 
     Rings within rings are holes, as in a hollow pillar.
     """
-    segments = section_segments(corners, triangles, height)
-    if len(segments) == 0:
-        return shapely.Polygon()
     # Triangles that share an edge compute its point alike up to rounding.
-    segments = np.round(segments, 6)
+    segments = np.round(section_segments(corners, triangles, height), 6)
     segments = segments[np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) > 0]
     if len(segments) == 0:
         return shapely.Polygon()
-    lines = shapely.node(shapely.multilinestrings(line_strings(segments)))
-    cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-    if len(cells) == 0:
-        return shapely.Polygon()
-    inside = shapely.get_coordinates(shapely.point_on_surface(cells))
-    solid = cells[[_is_inside(segments, point) for point in inside]]
-    return shapely.union_all(solid)
-
-
-def _is_inside(segments: Float[np.ndarray, "n 2 2"], point: Float[np.ndarray, "2"]) -> bool:
-    """Whether a ray from the point crosses the outline an odd number of times."""
-    y = segments[..., 1] > point[1]
-    crossing = segments[y[:, 0] != y[:, 1]]
-    t = (point[1] - crossing[:, 0, 1]) / (crossing[:, 1, 1] - crossing[:, 0, 1])
-    x = crossing[:, 0, 0] * (1 - t) + crossing[:, 1, 0] * t
-    return bool((x > point[0]).sum() % 2)
+    return shapely.build_area(shapely.node(shapely.MultiLineString(list(segments))))

@@ -2,7 +2,7 @@
 
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
@@ -10,11 +10,17 @@ from planfit.floorplan.vector.areas import (
     MOST_OF_PAGE,
     MUCH_LEFT_OUT,
     ROOMS_COVER,
+    drawn_shares,
     outside_rooms,
 )
-from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.line_work import cut_out, ends_of, outlines, path_rings
+from planfit.floorplan.vector.line_work import (
+    Candidates,
+    WallFaces,
+    cut_out,
+    outlines,
+    path_rings,
+)
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 
@@ -25,11 +31,8 @@ TOUCHING_WORDS = (
     "rooms touch: where two of them meet is taken for a wall without thickness, closed but for doors that "
     "are drawn as swings or gaps"
 )
-
-
 LEAST_BETWEEN, DRAWN_SHARE = 0.02, 0.6
 """Of the drawing's size, edges between rooms that are looked at; of a wall, what of the edge is drawn."""
-
 WALLED_SHARE = 0.4
 """Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
 that end at the faces of walls have next to none."""
@@ -99,8 +102,7 @@ def edges_of_rooms(
 ) -> tuple[Float[np.ndarray, "n 2 2"], float]:
     """Edges of rooms with the room on the left; where two rooms meet without a wall between them, within
     `tolerance`, there is none. And the length of those where there is none, each counted once."""
-    parts = [p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
-             if p.geom_type == "Polygon" and not p.is_empty]  # fmt: skip
+    parts = _simple_parts(rooms, tolerance)
     tree = shapely.STRtree(parts)
     edges, outline = [], 0.0
     for i, part in enumerate(parts):
@@ -114,11 +116,17 @@ def edges_of_rooms(
     return bounding, (outline - float(segments.lengths(bounding).sum())) / 2
 
 
+def _simple_parts(rooms: list[BaseGeometry], tolerance: float) -> Shaped[np.ndarray, " p"]:
+    """Polygons of rooms, with no more corners than their form has within half of the tolerance."""
+    parts = shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
+    is_area = shapely.get_type_id(parts) == shapely.GeometryType.POLYGON
+    return parts[is_area & ~shapely.is_empty(parts)]
+
+
 def edges_between_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np.ndarray, "n 2 2"]:
     """Edges where two rooms meet without a wall between them, within `tolerance`, each once; not those of
     what lies in a room."""
-    parts = np.array([p for p in shapely.get_parts(shapely.simplify(rooms, 0.5 * tolerance))
-                      if p.geom_type == "Polygon" and not p.is_empty])  # fmt: skip
+    parts = _simple_parts(rooms, tolerance)
     inner, outer = shapely.STRtree(shapely.buffer(parts, tolerance)).query(parts, "within")
     parts = np.delete(
         parts, inner[(inner != outer) & (shapely.area(parts)[inner] < shapely.area(parts)[outer])]
@@ -156,15 +164,15 @@ def around_rooms(
 
 def walls_between_rooms(
     candidates: Candidates, rooms: list[BaseGeometry], shared_edges: float, extent: float
-) -> LineFaces:
+) -> WallFaces:
     """Where two rooms meet, in a drawing whose walls have no thickness; in others a room goes on there."""
     own = segments.lengths(candidates.ends)[candidates.free_side != 0].sum()
     if 2 * shared_edges <= TOUCHING_SHARE * (own + 2 * shared_edges):
-        return LineFaces.of_parts([])
-    return LineFaces.without_a_side(edges_between_rooms(rooms, 4e-4 * extent))
+        return WallFaces.of_parts([])
+    return WallFaces.without_a_side(edges_between_rooms(rooms, 4e-4 * extent))
 
 
-def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) -> LineFaces:
+def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) -> WallFaces:
     """Edges that two rooms share where a straight line is drawn on them beside the outlines of the two, as
     faces whose free side is unknown: a glazed front, a wall drawn as one line. Where nothing is drawn, as
     between a corridor and a hall, a room goes on.
@@ -178,33 +186,21 @@ def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) 
     edges = edges_between_rooms(rooms, tolerance)
     edges = edges[segments.lengths(edges) > LEAST_BETWEEN * extent]
     if len(edges) == 0 or len(lines) == 0:
-        return LineFaces.of_parts([])
-    drawn = line_strings(lines.ends[~_are_closed(lines, tolerance)])
-    tree = shapely.STRtree(drawn)
-    kept = []
-    for edge in line_strings(edges):
-        near = shapely.buffer(edge, 1.5 * tolerance, cap_style="flat")
-        on = shapely.intersection(drawn[tree.query(near, "intersects")], near)
-        # What crosses the edge leaves a speck on it.
-        long = on[shapely.length(on) > 10 * tolerance]
-        covered = shapely.intersection(edge, shapely.buffer(shapely.union_all(long), 2 * tolerance))
-        if shapely.length(covered) > DRAWN_SHARE * shapely.length(edge):
-            kept.append(edge)
-    if not kept:
-        return LineFaces.of_parts([])
-    return LineFaces.without_a_side(ends_of(np.array(kept, dtype=object)))
+        return WallFaces.of_parts([])
+    drawn = lines.ends[~_are_closed(lines, tolerance)]
+    is_drawn = drawn_shares(line_strings(edges), drawn, extent) > DRAWN_SHARE
+    return WallFaces.without_a_side(edges[is_drawn])
 
 
 def _are_closed(lines: Lines, tolerance: float) -> Bool[np.ndarray, " n"]:
     """Segments of paths that end where they began."""
-    starts = np.flatnonzero(np.diff(lines.path, prepend=-1) != 0)
-    stops = np.append(starts[1:], len(lines)) - 1
-    gap = np.linalg.norm(lines.ends[starts, 0] - lines.ends[stops, 1], axis=1)
-    is_closed = (gap < tolerance) & (stops - starts >= 2)
-    return np.repeat(is_closed, stops - starts + 1)
+    is_closed = np.zeros(len(lines), dtype=bool)
+    for own, _, gaps in path_rings(lines.ends, lines.path):
+        is_closed[own] = np.hypot(*gaps[0]) < tolerance
+    return is_closed
 
 
-def bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineFaces:
+def bare_edges(candidates: Candidates, paired: WallFaces, least: float) -> WallFaces:
     """Edges of rooms, or parts of them longer than `least`, with nothing beside them: glazed fronts, the
     outside of a building drawn without thickness. A room ends there, whatever the wall is drawn like."""
     along, length = segments.directions(candidates.ends), segments.lengths(candidates.ends)
@@ -221,4 +217,4 @@ def bare_edges(candidates: Candidates, paired: LineFaces, least: float) -> LineF
     line = np.concatenate([*at, np.zeros(0, dtype=int)])
     parts = np.concatenate([*ends, np.zeros((0, 2, 2))])
     normals = segments.left_normals(parts) * candidates.free_side[line, None]
-    return LineFaces.oriented(parts, normals, line=line)
+    return WallFaces.oriented(parts, normals, line=line)

@@ -7,12 +7,11 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.faces import covered_lengths, line_strings
-from planfit.floorplan.near_lines import ends_that_meet, groups_within
-from planfit.floorplan.vector.axes import lines_of_axes, lines_of_plain_axes
+from planfit.floorplan.faces import covered_lengths, ends_that_meet, groups_within, line_strings
+from planfit.floorplan.vector.arcs import fit_circle
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.line_work import usual_extent
+from planfit.floorplan.vector.line_work import extremes, usual_extent
 from planfit.floorplan.vector.single_lines import SPANNED
 from planfit.geometry import segments
 
@@ -28,7 +27,6 @@ PALE_LAYER = "lines as pale as floors"
 """Grids, and edges of floors."""
 ON, WHOLE = 1e-3, 0.97
 """Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
-MOST_FRAMES = 6
 HUGGED, NEAR_SHARE = 0.4, 0.06
 """Beside the outer face of a building runs its inner one, within this share of its shorter side and along at
 least so much of the whole; a frame keeps away from what it frames."""
@@ -42,6 +40,19 @@ ON_LINE = 0.05
 """Of a tick's length: its middle is so near to the line that it ends, and nothing else to its own ends."""
 ALIKE = 0.15
 """Ticks of one chain differ by less in length."""
+BUBBLE, LEAST_BUBBLES, LONG_AXIS = (3e-3, 0.05), 3, 0.2
+"""Radius of the circles that name axes, of the drawing's size; a plan has so many, and axes so long."""
+SPAN = 0.5
+"""Of the drawing along it, what an axis without a bubble runs through at least."""
+FREE = 2e-3
+"""Of the drawing's size: the end of an axis is further from all else."""
+TAILS = (4e-3, 0.02)
+"""Of the drawing's size, what an axis runs on beyond all else at its two ends: draughtsmen let lines of walls
+cross at corners by 0.1 to 0.3 m of 15."""
+LEAST_PLAIN, LEAST_CROSSED = 3, 2
+"""So many axes without bubbles there are, through so many lines each."""
+MOST_LONG = 500
+"""Lines as long as half of the drawing that are looked at: real ones have at most some 50."""
 
 
 def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDrawing, list[Role]]:
@@ -58,27 +69,22 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
     extent = usual_extent(lines.ends.reshape(-1, 2))
     role = np.array(roles, dtype=int)[lines.layer]
     layers, layer = list(drawing.layers), lines.layer.copy()
-    of_frame = np.zeros(len(lines), dtype=bool)
-    looked_at = np.flatnonzero(role != Role.NO_WALL)
-    of_frame[looked_at] = lines_of_frame(lines.take(looked_at))
-    of_dimension = np.zeros(len(lines), dtype=bool)
-    rest = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~lines.is_curved)
-    of_dimension[rest] = lines_of_dimensions(lines.take(rest), extent)
-    of_table = np.zeros(len(lines), dtype=bool)
-    rest = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension & ~lines.is_curved)
-    of_table[rest] = lines_of_tables(lines.ends[rest], extent)
-    unknown = np.flatnonzero((role == Role.UNKNOWN) & ~of_frame & ~of_dimension & ~of_table)
-    is_axis = np.zeros(len(lines), dtype=bool)
-    is_axis[unknown] = lines_of_axes(lines.take(unknown), extent)
-    unknown = unknown[~is_axis[unknown]]
-    is_plain = np.zeros(len(lines), dtype=bool)
-    is_plain[unknown] = lines_of_plain_axes(lines.take(unknown), extent)
-    kinds = (
-        (FRAME_LAYER, of_frame), (DIMENSION_LAYER, of_dimension), (TABLE_LAYER, of_table),
-        (AXIS_LAYER, is_axis),
-        (PLAIN_AXIS_LAYER, is_plain), (DASHED_LAYER, _are_dashed(lines, role) & ~is_plain),
-        (PALE_LAYER, _are_pale(lines, role)),
-    )  # fmt: skip
+    is_unknown, taken = role == Role.UNKNOWN, np.zeros(len(lines), dtype=bool)
+    kinds: list[tuple[str, Bool[np.ndarray, " n"]]] = []
+    for name, may_be, lines_of in (
+        (FRAME_LAYER, role != Role.NO_WALL, lambda own, _: lines_of_frame(own)),
+        (DIMENSION_LAYER, is_unknown & ~lines.is_curved, lines_of_dimensions),
+        (TABLE_LAYER, is_unknown & ~lines.is_curved, lines_of_tables),
+        (AXIS_LAYER, is_unknown, lines_of_axes),
+        (PLAIN_AXIS_LAYER, is_unknown, lines_of_plain_axes),
+    ):
+        at, found = np.flatnonzero(may_be & ~taken), np.zeros(len(lines), dtype=bool)
+        found[at] = lines_of(lines.take(at), extent)
+        taken |= found
+        kinds.append((name, found))
+    is_plain = kinds[-1][1]
+    kinds.append((DASHED_LAYER, _are_dashed(lines, role) & ~is_plain))
+    kinds.append((PALE_LAYER, _are_pale(lines, role)))
     for name, found in kinds:
         found &= role != Role.WALL
         if found.any():
@@ -155,33 +161,23 @@ def _innermost_frame(
     is_upright = (along.max(axis=1) > np.cos(1e-3)) & ~lines.is_curved
     left = length > 0.05 * float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     box, found = None, np.zeros(len(lines), dtype=bool)
-    for _ in range(MOST_FRAMES):
-        if left.sum() < 8:
-            break
+    while left.sum() >= 8:
         points = ends[left].reshape(-1, 2)
         low, high = points.min(axis=0), points.max(axis=0)
-        on_side, n_whole = _on_sides(ends, np.stack([low, high]), is_upright & left)
+        at, near = np.flatnonzero(is_upright & left), ON * float((high - low).max())
+        is_along, covered = _along_sides(ends[at], np.stack([low, high]), near)
+        n_whole = int((covered >= WHOLE * (high - low)[::-1, None]).sum())
         if n_whole < 3:
             break
+        on_side = np.zeros(len(lines), dtype=bool)
+        on_side[at[is_along]] = True
         if n_whole == 4:
             box, found = np.stack([low, high]), on_side
         else:
             # A trim that marks for folding cross: another frame is within, or it is none.
-            near = ON * float((high - low).max())
             on_side |= (np.minimum(ends - low, high - ends) < near).any(axis=(1, 2))
         left &= ~on_side
     return box, found
-
-
-def _on_sides(
-    ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], may: Bool[np.ndarray, " n"]
-) -> tuple[Bool[np.ndarray, " n"], int]:
-    """Lines on the sides of a box, and how many of these are drawn all along."""
-    at, size = np.flatnonzero(may), box[1] - box[0]
-    on_side, covered = _along_sides(ends[at], box, ON * float(size.max()))
-    result = np.zeros(len(ends), dtype=bool)
-    result[at] = on_side
-    return result, int((covered >= WHOLE * size[::-1, None]).sum())
 
 
 def _along_sides(
@@ -213,9 +209,9 @@ def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -
     return bool((along > np.cos(1e-3)).mean() > 0.8) and area < TITLE_SHARE * whole
 
 
-def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.ndarray, " n"]:
+def lines_of_tables(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     """Many parallel lines, longer than treads, that begin and end at the same margins and meet no other."""
-    n, near = len(ends), ON * extent
+    ends, n, near = lines.ends, len(lines), ON * extent
     result = np.zeros(n, dtype=bool)
     along = np.abs(segments.directions(ends))
     strings = line_strings(ends)
@@ -238,8 +234,7 @@ def lines_of_tables(ends: Float[np.ndarray, "n 2 2"], extent: float) -> Bool[np.
 
 
 def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
-    """Lines with a slanted tick at both ends, the ticks, and the lines that lead from a tick to what is
-    measured.
+    """Lines with a slanted tick at both ends, the ticks, and the lines from a tick to what is measured.
 
     Args:
         lines: straight ones.
@@ -294,8 +289,7 @@ def _extension_lines(
     base: Int[np.ndarray, " t"],
     is_known: Bool[np.ndarray, " n"],
 ) -> Bool[np.ndarray, " n"]:
-    """Lines across a line of dimensions at a tick, which end near it on one side and meet nothing on the
-    other.
+    """Lines across a line of dimensions at a tick, which end near it on one side and meet nothing else.
 
     Args:
         lines: straight ones.
@@ -307,8 +301,7 @@ def _extension_lines(
     along, strings = segments.directions(lines.ends), line_strings(lines.ends)
     reach = float(np.median(size))
     points = np.asarray(shapely.points(ticks), dtype=object)
-    tree = shapely.STRtree(strings)
-    k, line = tree.query(points, predicate="dwithin", distance=3.0 * reach)
+    k, line = shapely.STRtree(strings).query(points, predicate="dwithin", distance=3.0 * reach)
     start = ticks[k] - lines.ends[line, 0]
     off = np.abs(along[line, 0] * start[:, 1] - along[line, 1] * start[:, 0])
     is_across = np.abs(np.einsum("pi,pi->p", along[line], along[base[k]])) < 0.02
@@ -321,3 +314,87 @@ def _extension_lines(
     meets = ends_that_meet(lines.ends[line], np.full(len(line), -1), others, 0.1 * reach)
     result[line[~meets.any(axis=1)]] = True
     return result
+
+
+def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
+    """Long lines that end at small circles of one size, pointing at their middle, and the circles.
+
+    Args:
+        lines: of the drawing, in the order of the file.
+        extent: of the drawing.
+    """
+    result = np.zeros(len(lines), dtype=bool)
+    bubbles, of = [], []
+    curved = np.flatnonzero(lines.is_curved)
+    starts = np.flatnonzero(np.diff(lines.path[curved], prepend=-1))
+    for own in np.split(curved, starts[1:]):
+        if len(own) < 6:
+            continue
+        circle = fit_circle(lines.ends[own, 0])
+        if circle is None or not BUBBLE[0] * extent < circle.radius < BUBBLE[1] * extent:
+            continue
+        if segments.lengths(lines.ends[own]).sum() > 0.9 * 2 * np.pi * circle.radius:
+            bubbles.append([*circle.centre, circle.radius])
+            of.append(own)
+    if len(bubbles) < LEAST_BUBBLES:
+        return result
+    circles = np.array(bubbles)
+    alike = np.abs(circles[:, 2] / np.median(circles[:, 2]) - 1) < 0.05
+    long = ~lines.is_curved & (segments.lengths(lines.ends) > LONG_AXIS * extent)
+    at = np.flatnonzero(long)
+    away = lines.ends[at][:, :, None] - circles[None, None, :, :2]
+    along = segments.directions(lines.ends[at])
+    # Of each line, end and circle: how far the end is from the ring, and the line from the middle.
+    ring = np.abs(np.linalg.norm(away, axis=3) / circles[:, 2] - 1)
+    aside = np.abs(along[:, None, None, 0] * away[..., 1] - along[:, None, None, 1] * away[..., 0])
+    points_at = (ring < 0.1) & (aside < 0.1 * circles[:, 2]) & alike
+    is_axis = points_at.any(axis=(1, 2))
+    if is_axis.sum() < LEAST_BUBBLES:
+        return result
+    result[at[is_axis]] = True
+    for k in np.flatnonzero(points_at.any(axis=(0, 1))):
+        result[of[k]] = True
+    return result
+
+
+def lines_of_plain_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
+    """Straight lines through the whole drawing that run on beyond all else at both ends and end at nothing.
+
+    Args:
+        lines: of the drawing.
+        extent: of it.
+    """
+    result = np.zeros(len(lines), dtype=bool)
+    at = _long_and_free(lines, extent)
+    others = np.setdiff1d(np.arange(len(lines)), at)
+    if len(at) == 0 or len(others) == 0:
+        return result
+    strings = line_strings(lines.ends)
+    i, j = shapely.STRtree(strings[others]).query(strings[at], predicate="intersects")
+    start = lines.ends[at, 0]
+    along = segments.directions(lines.ends[at])
+    met = shapely.intersection(strings[at][i], strings[others][j])
+    points, of = shapely.get_coordinates(met, return_index=True)
+    place = np.einsum("pi,pi->p", points - start[i[of]], along[i[of]])
+    first, last = extremes(place, i[of], len(at))
+    tails = np.stack([first, segments.lengths(lines.ends[at]) - last], axis=1) / extent
+    is_axis = np.isfinite(first) & (np.bincount(i, minlength=len(at)) >= LEAST_CROSSED)
+    is_axis &= (tails.min(axis=1) > TAILS[0]) & (tails.max(axis=1) > TAILS[1])
+    if is_axis.sum() >= LEAST_PLAIN:
+        result[at[is_axis]] = True
+    return result
+
+
+def _long_and_free(lines: Lines, extent: float) -> Int[np.ndarray, " k"]:
+    """Lines that run through half of the drawing and whose ends meet nothing."""
+    length, along = segments.lengths(lines.ends), segments.directions(lines.ends)
+    at = np.flatnonzero(~lines.is_curved & (length > LONG_AXIS * extent))
+    if len(at) < LEAST_PLAIN:
+        return at[:0]
+    hull = shapely.convex_hull(shapely.multipoints(lines.ends.reshape(-1, 2)))
+    whole = np.ptp(shapely.get_coordinates(hull) @ along[at].T, axis=0)
+    at = at[length[at] > SPAN * whole]
+    if len(at) > MOST_LONG:
+        return at[:0]
+    meets = ends_that_meet(lines.ends[at], at, line_strings(lines.ends), FREE * extent)
+    return at[~meets.any(axis=1)]

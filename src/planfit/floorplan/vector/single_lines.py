@@ -6,12 +6,17 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import PARALLEL_SINE, covered_lengths, find_partners, line_strings
-from planfit.floorplan.near_lines import ends_that_meet, groups_within
+from planfit.floorplan.faces import (
+    PARALLEL_SINE,
+    covered_lengths,
+    ends_that_meet,
+    find_partners,
+    groups_within,
+    line_strings,
+)
 from planfit.floorplan.plausible import COMPARE
-from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.double_lines import Thickness
-from planfit.floorplan.vector.line_work import cut_out, ends_of
+from planfit.floorplan.vector.line_work import Candidates, WallFaces, cut_out, ends_of
 from planfit.geometry import segments
 
 SINGLE_SHARE = 0.3
@@ -81,7 +86,7 @@ def _lengths_beside(
     return covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
 
 
-def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
+def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> WallFaces:
     """Long lines where walls are drawn as such, as faces whose free side is unknown.
 
     Of layers called wall, those of which little became faces. Of a drawing without such layers all, where
@@ -95,7 +100,7 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
         extent: of the drawing.
     """
     if len(candidates) == 0:
-        return LineFaces.of_parts([])
+        return WallFaces.of_parts([])
     rest = candidates.cut(*cut_out(candidates.ends, body_of_faces(faces, extent), 0.01 * extent))
     length = segments.lengths(rest.ends)
     is_long = length > 0.02 * extent
@@ -124,8 +129,8 @@ def single_lines(candidates: Candidates, faces: LineFaces, extent: float) -> Lin
     around = _around_faces(others, candidates.ends, faces, extent)
     ends = np.concatenate([rest.ends[at], around])
     if len(ends) == 0:
-        return LineFaces.of_parts([])
-    return LineFaces.without_a_side(ends, _nearest_line(candidates.ends, ends))
+        return WallFaces.of_parts([])
+    return WallFaces.without_a_side(ends, nearest_line(candidates.ends, ends))
 
 
 def _are_of_rooms(
@@ -163,7 +168,7 @@ def _are_of_rooms(
 def _around_faces(
     parts: Float[np.ndarray, "k 2 2"],
     lines: Float[np.ndarray, "n 2 2"],
-    faces: LineFaces,
+    faces: WallFaces,
     extent: float,
 ) -> Float[np.ndarray, "m 2 2"]:
     """What of parts of lines is on a closed outline around faces that end at it: a line may leave it where a
@@ -187,12 +192,7 @@ def _around_faces(
     outline, face_lines = shapely.get_exterior_ring(area), line_strings(faces.ends)
     grown, face_length = shapely.buffer(area, tolerance), shapely.length(face_lines)
     shapely.prepare(grown)
-    is_inside = shapely.covers(grown, face_lines)
-    # Most are, and only the others have to be cut, each at the price of the whole outline.
-    parted = face_lines[~is_inside & shapely.intersects(grown, face_lines)]
-    inside = (
-        face_length[is_inside].sum() + shapely.length(shapely.intersection(parted, grown)).sum()
-    )
+    inside = face_length[shapely.covers(grown, face_lines)].sum()
     is_around = inside > MIN_INSIDE * face_length.sum()
     tips = shapely.points(faces.ends.reshape(-1, 2))
     touches = (shapely.distance(tips, outline) < tolerance).reshape(-1, 2).any(axis=1)
@@ -210,7 +210,7 @@ def _around_faces(
     return np.concatenate([parts[is_whole], ends_of(on[shapely.length(on) > 0.02 * extent])])
 
 
-def _nearest_line(
+def nearest_line(
     lines: Float[np.ndarray, "n 2 2"], parts: Float[np.ndarray, "k 2 2"]
 ) -> Int[np.ndarray, " k"]:
     """Index of the line that each part was cut from."""
@@ -218,7 +218,7 @@ def _nearest_line(
     return np.asarray(shapely.STRtree(line_strings(lines)).nearest(middles), dtype=int)
 
 
-def body_of_faces(faces: LineFaces, extent: float) -> BaseGeometry:
+def body_of_faces(faces: WallFaces, extent: float) -> BaseGeometry:
     """Walls behind faces, with the faces themselves."""
     if len(faces.ends) == 0:
         return shapely.Polygon()
@@ -238,7 +238,7 @@ def _room(ends: Float[np.ndarray, "n 2 2"]) -> float:
     return float(np.prod(np.ptp(ends.reshape(-1, 2), axis=0)))
 
 
-def left_out_words(candidates: Candidates, faces: LineFaces, extent: float) -> tuple[str, ...]:
+def left_out_words(candidates: Candidates, faces: WallFaces, extent: float) -> tuple[str, ...]:
     """A doubt where much that may be partitions is no face; none where layers tell what walls are.
 
     Args:
@@ -259,7 +259,7 @@ def left_out_words(candidates: Candidates, faces: LineFaces, extent: float) -> t
 
 
 def _lines_between_walls(
-    ends: Float[np.ndarray, "n 2 2"], faces: LineFaces, extent: float
+    ends: Float[np.ndarray, "n 2 2"], faces: WallFaces, extent: float
 ) -> Float[np.ndarray, "k 2 2"]:
     """Long lines away from faces whose both ends meet faces, or other such lines."""
     ends = ends[segments.lengths(ends) > NETWORK * extent]
@@ -283,7 +283,7 @@ def _lines_between_walls(
 
 
 def _are_panes(
-    ends: Float[np.ndarray, "k 2 2"], faces: LineFaces, reach: float
+    ends: Float[np.ndarray, "k 2 2"], faces: WallFaces, reach: float
 ) -> Bool[np.ndarray, " k"]:
     """Lines in line with a wall that ends at them: panes and sills of a window in its gap."""
     along, normal = segments.directions(ends), segments.left_normals(faces.ends)

@@ -10,11 +10,11 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
     covered_lengths,
+    ends_that_meet,
     find_partners,
     line_strings,
     weighted_median,
 )
-from planfit.floorplan.near_lines import ends_that_meet
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
@@ -30,7 +30,7 @@ PAIRED, PAIR_GAP = 0.5, 4.5
 """Strokes with another beside them for so much of their length, so many widths off at most, are the two faces
 of walls in a broad pen."""
 MOST_COVERED, LEAST_SLIM = 0.45, 2.5
-"""Of the hull, what walls cover; and their perimeter squared over sixteen areas: a square has 1."""
+"""Of the hull, what walls cover; and how slim they are (`slimness`)."""
 MANY = 5_000
 """Fewer strokes of one pen are line work: of a real floor 1,000 to 3,000 may be faces. 50,000 take 6 s."""
 _TWICE = 2.0
@@ -81,8 +81,7 @@ def are_bodies(
         return none
     body = body_of_strokes(ends[chosen], width[chosen])
     hull = shapely.convex_hull(body).area
-    slim = shapely.length(body) ** 2 / (16 * max(body.area, 1e-300))
-    if body.area < MOST_COVERED * hull and slim > LEAST_SLIM:
+    if body.area < MOST_COVERED * hull and slimness(body) > LEAST_SLIM:
         none[chosen] = True
         finer = may & ~none & (length > 0)
         finer &= width >= THINNER * weighted_median(width[chosen], length[chosen])
@@ -90,6 +89,11 @@ def are_bodies(
             own = np.flatnonzero(finer & (width == each))
             none[own[_hang_on(ends[own], float(each), body)]] = True
     return none
+
+
+def slimness(area: BaseGeometry) -> float:
+    """Perimeter squared over sixteen areas: a square has 1."""
+    return area.length**2 / (16 * max(area.area, 1e-300))
 
 
 def _hang_on(

@@ -8,12 +8,11 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.areas import outside_rooms
-from planfit.floorplan.vector.candidates import Candidates, LineFaces
-from planfit.floorplan.vector.closed_pieces import ClosedPieces, joined
+from planfit.floorplan.vector.closed_pieces import ClosedPieces
 from planfit.floorplan.vector.double_lines import estimate_thickness, faces_of_lines
 from planfit.floorplan.vector.furniture import are_furniture
-from planfit.floorplan.vector.line_work import cut_out, outlines
-from planfit.floorplan.vector.regions import faces_of_regions
+from planfit.floorplan.vector.line_work import Candidates, WallFaces, cut_out, outlines
+from planfit.floorplan.vector.regions import faces_of_regions, without_seams
 from planfit.floorplan.vector.room_edges import (
     TOUCHING_WORDS,
     are_tints,
@@ -21,7 +20,12 @@ from planfit.floorplan.vector.room_edges import (
     bare_edges,
     walls_between_rooms,
 )
-from planfit.floorplan.vector.single_lines import MAX_OUTLINE_LINES, single_line_walls, single_lines
+from planfit.floorplan.vector.single_lines import (
+    MAX_OUTLINE_LINES,
+    nearest_line,
+    single_line_walls,
+    single_lines,
+)
 from planfit.geometry import segments
 
 MAIN_SHARE = 0.35
@@ -37,7 +41,7 @@ _MIN_LENGTH = 1.5
 class FoundFaces:
     """Faces by the way they are drawn, and the lines that were looked at."""
 
-    parts: list[LineFaces]
+    parts: list[WallFaces]
     candidates: Candidates
     warnings: tuple[str, ...]
     shared_edges: float
@@ -45,7 +49,7 @@ class FoundFaces:
     are_rooms_touching: bool = False
     """Likewise."""
 
-    def with_single_lines(self, walls: LineFaces) -> "FoundFaces":
+    def with_single_lines(self, walls: WallFaces) -> "FoundFaces":
         """The same with walls between two rooms, which were taken for open there."""
         if len(walls.ends) == 0:
             return self
@@ -70,12 +74,12 @@ def faces_of_all(
 ) -> FoundFaces:
     """Faces of solid walls and columns, of double lines, of the edges of rooms, and of single lines where
     walls are drawn so."""
-    parts: list[LineFaces] = []
+    parts: list[WallFaces] = []
     around: BaseGeometry = shapely.Polygon()
     if solids or pieces.areas:
         solid = shapely.union_all(solids)
         if pieces.areas:
-            solid = joined([*solids, *pieces.areas], 2e-4 * extent)
+            solid = without_seams([*solids, *pieces.areas], 2e-4 * extent)
         if rooms and are_tints(rooms, solid, extent):
             candidates = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
             rooms = []
@@ -95,7 +99,7 @@ def faces_of_all(
     thickness = None
     if len(candidates):
         thickness = estimate_thickness(candidates.ends, metres_per_unit, extent)
-    paired = LineFaces.of_parts([])
+    paired = WallFaces.of_parts([])
     if thickness is not None:
         may_be = ~candidates.is_called_wall & (candidates.layer >= 0) & (candidates.free_side == 0)
         is_furniture = may_be & are_furniture(candidates.ends, thickness, extent)
@@ -107,12 +111,12 @@ def faces_of_all(
         # ones are few: columns, the walls of a shaft.
         is_clutter = solid_length > MAIN_SHARE * segments.lengths(paired.ends).sum()
         if is_clutter and not candidates.is_called_wall.any():
-            paired = LineFaces.of_parts([])
+            paired = WallFaces.of_parts([])
         parts += [paired, _rest_of_bodies(candidates, paired, extent)]
     if rooms:
         gap = 0.0 if thickness is None else 2 * thickness.usual
         parts.append(bare_edges(candidates, paired, gap))
-    is_taken = LineFaces.of_parts(parts)
+    is_taken = WallFaces.of_parts(parts)
     between = walls_between_rooms(candidates, rooms, shared_edges, extent)
     if len(between.ends):
         parts, shared_edges = [*parts, between], 0.0
@@ -123,7 +127,7 @@ def faces_of_all(
     if thickness is not None and not has_others:
         is_wall = single_line_walls(candidates, thickness, extent)
         if is_wall.any():
-            parts, is_taken = [], LineFaces.of_parts([])
+            parts, is_taken = [], WallFaces.of_parts([])
             candidates = candidates.take(is_wall)
     single = single_lines(candidates, is_taken, extent)
     if len(single.ends) == 0:
@@ -132,26 +136,24 @@ def faces_of_all(
     return FoundFaces([*parts, single], candidates, (warning,), shared_edges)
 
 
-def _single_warning(others: list[LineFaces], length: float) -> str:
+def _single_warning(others: list[WallFaces], length: float) -> str:
     share = length / (length + sum(float(segments.lengths(part.ends).sum()) for part in others))
     few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
     return f"walls are drawn as single lines{few}: which side of them is free is unknown"
 
 
-def faces_of_solid(solid: BaseGeometry, extent: float) -> LineFaces:
+def faces_of_solid(solid: BaseGeometry, extent: float) -> WallFaces:
     """Faces around solid walls, in a drawing of that size."""
-    faces = faces_of_regions(solid, 1e-4 * extent, 3e-3 * extent)
-    return LineFaces.oriented(faces.ends, faces.normals, faces.thickness)
+    return faces_of_regions(solid, 1e-4 * extent, 3e-3 * extent)
 
 
-def _faces_of_column(column: BaseGeometry) -> LineFaces:
+def _faces_of_column(column: BaseGeometry) -> WallFaces:
     """Round ones have nine faces or so, off by a thirtieth of their diameter."""
     size = float(np.ptp(np.array(column.bounds).reshape(2, 2), axis=0).max())
-    faces = faces_of_regions(column, 0.03 * size, 0.1 * size)
-    return LineFaces.oriented(faces.ends, faces.normals, faces.thickness)
+    return faces_of_regions(column, 0.03 * size, 0.1 * size)
 
 
-def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> LineFaces:
+def _rest_of_bodies(candidates: Candidates, faces: WallFaces, extent: float) -> WallFaces:
     """Faces where lines close the body of a wall that is thicker there than a wall may be.
 
     None of drawings of more than `MAX_OUTLINE_LINES` lines, whose areas take too long to close.
@@ -161,7 +163,7 @@ def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> 
         faces: found among them as two faces of one wall.
         extent: of the drawing.
     """
-    none = LineFaces.of_parts([])
+    none = WallFaces.of_parts([])
     paired = faces.take(np.isfinite(faces.thickness) & faces.is_oriented & (faces.line >= 0))
     if len(paired.ends) == 0 or len(candidates) > MAX_OUTLINE_LINES:
         return none
@@ -189,10 +191,8 @@ def _rest_of_bodies(candidates: Candidates, faces: LineFaces, extent: float) -> 
     found = np.concatenate(ends)
     if len(found) == 0:
         return none
-    nearest = shapely.STRtree(line_strings(candidates.ends)).nearest(
-        shapely.points(found.mean(axis=1))
-    )
-    return LineFaces.oriented(found, np.concatenate(normals), line=nearest)
+    line = nearest_line(candidates.ends, found)
+    return WallFaces.oriented(found, np.concatenate(normals), line=line)
 
 
 def _out_of(body: BaseGeometry, ends: np.ndarray, step: float) -> np.ndarray:

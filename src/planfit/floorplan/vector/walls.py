@@ -9,8 +9,7 @@ import shapely
 from jaxtyping import Bool, Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import line_strings, weighted_median
-from planfit.floorplan.near_lines import check_crossings, groups_within
+from planfit.floorplan.faces import check_crossings, groups_within, line_strings, weighted_median
 from planfit.floorplan.vector.arcs import round_walls
 from planfit.floorplan.vector.areas import (
     hatched_areas,
@@ -22,7 +21,6 @@ from planfit.floorplan.vector.areas import (
     without_paper,
     without_surroundings,
 )
-from planfit.floorplan.vector.candidates import Candidates, LineFaces
 from planfit.floorplan.vector.closed_pieces import closed_pieces, open_walls, outer_wall
 from planfit.floorplan.vector.door_swings import (
     DoorSwing,
@@ -32,13 +30,19 @@ from planfit.floorplan.vector.door_swings import (
 )
 from planfit.floorplan.vector.doors import OpenedDoors, open_doors, open_jambs
 from planfit.floorplan.vector.double_lines import rows_of_lines, thickness_bounds
-from planfit.floorplan.vector.drawing import Lines, VectorDrawing
-from planfit.floorplan.vector.layer_names import Role
-from planfit.floorplan.vector.layer_words import LayerLength, lengths_by_layer
-from planfit.floorplan.vector.line_work import cut_out, merge_collinear, usual_extent
+from planfit.floorplan.vector.drawing import SAME, Lines, VectorDrawing
+from planfit.floorplan.vector.layer_names import LayerLength, Role, lengths_by_layer
+from planfit.floorplan.vector.line_work import (
+    Candidates,
+    WallFaces,
+    cut_out,
+    merge_collinear,
+    usual_extent,
+)
 from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
 from planfit.floorplan.vector.room_edges import boxed_rooms, drawn_between_rooms
 from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
+from planfit.floorplan.vector.strokes import LEAST_SLIM, slimness
 from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
 
@@ -51,7 +55,7 @@ the building that it is built in."""
 class DrawnWalls:
     """Faces in the drawing's own unit and axes."""
 
-    faces: LineFaces
+    faces: WallFaces
     layers: tuple[str, ...]
     dropped: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -126,9 +130,9 @@ def walls_of_drawing(
     if rooms and not found.are_rooms_touching:
         between = drawn_between_rooms(lines.take(has_form), rooms, extent)
         found = found.with_single_lines(between)
-    round_faces, is_round = _round_walls(LineFaces.of_parts(found.parts), lines)
+    round_faces, is_round = _round_walls(WallFaces.of_parts(found.parts), lines)
     openings = np.concatenate([windows.openings, opened.openings])
-    faces, apart = _main_part(LineFaces.of_parts([*found.parts, round_faces]), openings, extent)
+    faces, apart = _main_part(WallFaces.of_parts([*found.parts, round_faces]), openings, extent)
     is_left_out[looked_at[has_form | is_round]] = False
     if n_curves := int((lines.is_curved & ~is_round).sum()):
         dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
@@ -172,13 +176,13 @@ def walls_of_drawing(
     )
 
 
-def _round_walls(faces: LineFaces, lines: Lines) -> tuple[LineFaces, Bool[np.ndarray, " n"]]:
+def _round_walls(faces: WallFaces, lines: Lines) -> tuple[WallFaces, Bool[np.ndarray, " n"]]:
     """Faces of round walls and their lines, where walls are drawn as two lines; where they are solid, curves
     beside them are windows and furniture."""
     is_drawn = np.isfinite(faces.thickness) & (faces.line >= 0)
     length = segments.lengths(faces.ends)
     if length[is_drawn].sum() <= MAIN_SHARE * length.sum():
-        return LineFaces.of_parts([]), np.zeros(len(lines), dtype=bool)
+        return WallFaces.of_parts([]), np.zeros(len(lines), dtype=bool)
     usual = weighted_median(faces.thickness[is_drawn], length[is_drawn])
     return round_walls(lines, usual)
 
@@ -199,7 +203,7 @@ def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _open_doors(
-    faces: LineFaces,
+    faces: WallFaces,
     swings: list[DoorSwing],
     metres_per_unit: float | None,
     most: float,
@@ -242,10 +246,10 @@ def _solids_and_rooms(
     """Filled and hatched areas: solid walls, and floors of rooms; and a word on those left out."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
     fills = uppermost(fills)
-    areas = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
-    walls, rooms = areas.walls, without_surroundings(areas.rooms, drawing.lines.ends, extent)
+    walls, rooms = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
+    rooms = without_surroundings(rooms, drawing.lines.ends, extent)
     hatched = hatched_areas(lines.ends, lines.path, is_row, extent)
-    slim = [area for area in hatched if area.length**2 / (16 * area.area) > 2.5]
+    slim = [area for area in hatched if slimness(area) > LEAST_SLIM]
     # A drawing hatches either its walls or its floors.
     if rooms or len(slim) < len(hatched) - len(slim):
         rooms = [*rooms, *hatched]
@@ -278,7 +282,7 @@ def _have_form_of_faces(
 def _merged(lines: Lines, role: Int[np.ndarray, " n"], extent: float) -> Candidates:
     """Lines on one another as one: a wall if more than a speck of it is called so, on the layer of the
     longest of those that are; else on the layer of the longest."""
-    ends, group = merge_collinear(lines.ends, 3e-5 * extent)
+    ends, group = merge_collinear(lines.ends, SAME * extent)
     length = segments.lengths(lines.ends)
     is_wall = role == Role.WALL
     called_length = np.zeros(len(ends))
@@ -299,8 +303,8 @@ def _extent(drawing: VectorDrawing, role: Int[np.ndarray, " n"]) -> float:
 
 
 def _main_part(
-    faces: LineFaces, openings: Float[np.ndarray, "k 2 2"], extent: float
-) -> tuple[LineFaces, Float[np.ndarray, "a 2 2"]]:
+    faces: WallFaces, openings: Float[np.ndarray, "k 2 2"], extent: float
+) -> tuple[WallFaces, Float[np.ndarray, "a 2 2"]]:
     """Faces without groups that stand apart by a twentieth of the drawing and hold less than a
     twentieth of the largest group's length; and the ends of those. Openings do not part their wall. What
     stands inside of the largest is a column or a wall on its own."""

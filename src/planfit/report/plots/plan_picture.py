@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
-from planfit.floorplan.columns import find_columns
-from planfit.floorplan.elements import are_glass
+from planfit.floorplan.elements import are_glass, find_columns
 from planfit.floorplan.formats.picture import load_picture
 from planfit.geometry import segments
 from planfit.report.plots import colors

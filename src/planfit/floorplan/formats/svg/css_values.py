@@ -1,5 +1,6 @@
 """Values of properties as style sheets write them, in the words that svgelements understands: of others it
-takes the first number, or black."""
+takes the first number, or black. And what the fill and the stroke of a shape look like then: colours on paper
+or on dark ground, what hides, what has gaps."""
 
 import re
 import xml.etree.ElementTree as ET
@@ -7,10 +8,15 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, TypeAlias
 
+import numpy as np
+import shapely
 import tinycss2
+from svgelements import SVG, Color, Rect, Shape
 from tinycss2.color4 import parse_color
 
+from planfit.floorplan.formats import MAX_DEPTH
 from planfit.floorplan.formats.svg.rules import SVG_NAMESPACE, split
+from planfit.floorplan.vector.drawing import LIGHT
 
 _PX = {
     "px": 1.0, "pt": 4.0 / 3.0, "pc": 16.0, "in": 96.0, "cm": 96.0 / 2.54, "mm": 9.6 / 2.54,
@@ -25,12 +31,18 @@ _OF_COLOURS = {"light-dark": 0, "color-mix": 1}
 """Which part is taken of functions of colours: what is on paper, and what something is mixed into."""
 _TILED = "#404040"
 """Of areas filled with a pattern: their shape tells what they are."""
-_MAX_STEPS = 8
-"""A gradient may take its colours from another one, and a variable its value, so deep."""
 _PART = r"[^()]{0,80}"  # bounded: of a name that is never closed, all ends would be tried
 _VARIABLE = re.compile(rf"var\(\s*(--[^\s,()]+)\s*(?:,\s*({_PART}(?:\({_PART}\))?{_PART}))?\)")
+PAPER, WHITE = 235, 245
+"""Of 255, of every colour: paper, tinted and white."""
+DARK_GROUND, GROUND_SHARE, ROOMS_SHARE = 110, 0.9, 0.5
+"""Every colour of dark ground is below the first, of 255; it reaches over this share of all that is drawn,
+and less than the last of it is light areas: of a slab with rooms on it the rest is walls."""
+
 
 _Quantity: TypeAlias = tuple[float, int]
+
+
 """A value, and of how many lengths it is a product: 0 of a number."""
 
 
@@ -155,7 +167,7 @@ def _url(token: Any) -> str:
 
 def _colour_of_server(name: str, by_id: Mapping[str, ET.Element]) -> str:
     """Colour of what a fill names: of a gradient in its middle, of a pattern a grey, else none."""
-    for _ in range(_MAX_STEPS):
+    for _ in range(MAX_DEPTH):
         element = by_id.get(name)
         if element is None:
             return "none"
@@ -171,7 +183,7 @@ def _colour_of_server(name: str, by_id: Mapping[str, ET.Element]) -> str:
 
 def resolved_variables(values: Mapping[str, str]) -> dict[str, str]:
     """Values of variables that name no other variables; those that stay unknown are left out."""
-    for _ in range(_MAX_STEPS):
+    for _ in range(MAX_DEPTH):
         values = {
             name: with_variables(value, values)
             for name, value in values.items()
@@ -184,3 +196,96 @@ def with_variables(text: str, values: Mapping[str, str]) -> str:
     """The same text with the values of variables in the place of their names; where one has none, what the
     text says for that, or the name as it is."""
     return _VARIABLE.sub(lambda found: values.get(found[1], found[2] or found[0]), text)
+
+
+def dark_ground(
+    svg: SVG, own: dict[str, str], shapes: Sequence[Shape]
+) -> tuple[int, int, int] | None:
+    """Colour of the dark ground that a drawing is on, by its page's `own` attributes or a first box which
+    reaches over nearly all; None on paper."""
+    told = plain_colour(own.get("background-color") or own.get("background") or "none", {})
+    paint = None if told in (None, "none") else Color(told)
+    filled = [shape for shape in shapes if is_drawn(shape.fill)]
+    if paint is None and filled and isinstance(filled[0], Rect) and is_opaque(filled[0]):
+        light = [s for s in filled[1:] if s.fill.alpha == 255 and lightness(s.fill) >= LIGHT]
+        page, first, *rooms = (_box(each) for each in (svg, filled[0], *light))
+        is_slab = shapely.union_all(np.array(rooms)).area > ROOMS_SHARE * first.area
+        is_ground = page.intersection(first).area >= GROUND_SHARE * page.area > 0.0
+        paint = filled[0].fill if is_ground and not is_slab else None
+    if paint is None or paint.alpha != 255 or max(rgb_of(paint)) >= DARK_GROUND:
+        return None
+    # Dark lines would not show on it: they are on light areas.
+    strokes = [shape for shape in shapes if is_drawn(shape.stroke)]
+    around = [_box(shape).length for shape in strokes]
+    is_dark = [max(rgb_of(shape.stroke)) < DARK_GROUND for shape in strokes]
+    if np.dot(around, is_dark) > 0.5 * sum(around):
+        return None
+    return rgb_of(paint)
+
+
+def _box(element: SVG | Shape) -> shapely.Polygon:
+    x0, y0, x1, y1 = element.bbox() or (0.0, 0.0, 0.0, 0.0)
+    return shapely.box(x0, y0, x1, y1)
+
+
+def negative(paint: Color, ground: tuple[int, int, int]) -> Color:
+    """White for the ground and black for white: a drawing on dark ground is read as its negative."""
+    if not is_drawn(paint):
+        return paint
+    parts = zip((paint.red, paint.green, paint.blue), ground, strict=True)
+    return Color(
+        *(min(255 - (part or 0) + dark, 255) for part, dark in parts), opacity=paint.opacity
+    )
+
+
+def covers(shape: Shape) -> bool:
+    """Whether a shape is a patch that hides what is under it: opaque, light, without an outline. What is dark
+    is wall over the lines of its faces."""
+    fill, values = shape.fill, shape.values or {}
+    if fill is None or not is_drawn(fill) or is_drawn(shape.stroke) or (fill.alpha or 0) < 255:
+        return False
+    return is_opaque(shape) and "mix-blend-mode" not in values and lightness(fill) >= LIGHT
+
+
+def is_opaque(shape: Shape) -> bool:
+    """Whether nothing shows through a shape but for what its paint lets through."""
+    return str((shape.values or {}).get("opacity") or "1").strip() in ("1", "1.0", "100%")
+
+
+def is_dashed(shape: Shape) -> bool:
+    """Whether a stroke has gaps: of dashes and gaps in turn, the same again where their number is odd. Not
+    where one dash is as long as all (pages draw lines little by little so), nor where gaps are finer than the
+    stroke."""
+    values = shape.values or {}
+    words = re.split(r"[\s,]+", str(values.get("stroke-dasharray") or "").strip())
+    try:
+        dashes = [float(word.removesuffix("px")) for word in words]
+        whole = float(values.get("pathLength") or 0.0) or _box(shape).length / 2
+    except (TypeError, ValueError):
+        return False
+    gaps = (dashes * 2)[1::2]
+    return max(gaps) > 0.5 * float(shape.stroke_width or 1.0) and max(dashes[::2]) < whole
+
+
+def is_drawn(paint) -> bool:
+    """Whether a paint shows."""
+    return paint is not None and paint.value is not None and paint.alpha > 0
+
+
+def is_white(paint) -> bool:
+    """Whether a line of this paint is paper on paper."""
+    return paint.alpha == 255 and lightness(paint) >= WHITE
+
+
+def lightness(paint) -> int:
+    """Of the darkest of its colours."""
+    return min(rgb_of(paint))
+
+
+def rgb_of(paint) -> tuple[int, int, int]:
+    """Colour of a paint, or of as much of it as there is on white paper."""
+    share = paint.alpha / 255.0
+    red, green, blue = (
+        round(255 - share * (255 - (part or 0))) for part in (paint.red, paint.green, paint.blue)
+    )
+    return red, green, blue

@@ -11,8 +11,8 @@ from xml.parsers import expat
 from svgelements import Matrix
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.formats import MAX_UNPACKED_BYTES
 
-MAX_SVGZ_BYTES = 200_000_000
 MAX_REPEATED = 300_000
 """Elements that an SVG may have once each `use` is replaced by what it names."""
 GROUP_TRANSFORM = "data-planfit-transform"
@@ -123,14 +123,14 @@ def _with_namespaces(data: bytes, at: int, prefixes: Sequence[str]) -> bytes:
 def _unzipped(path: Path) -> bytes:
     try:
         with gzip.open(path) as file:
-            data = file.read(MAX_SVGZ_BYTES + 1)
+            data = file.read(MAX_UNPACKED_BYTES + 1)
     except (OSError, EOFError, zlib.error) as error:
         raise FloorplanError(
             f"{path}: expected an SVG, found a damaged compressed file; export it again"
         ) from error
-    if len(data) > MAX_SVGZ_BYTES:
+    if len(data) > MAX_UNPACKED_BYTES:
         raise FloorplanError(
-            f"{path}: expected an SVG of at most {MAX_SVGZ_BYTES // 10**6} MB, found more; "
+            f"{path}: expected an SVG of at most {MAX_UNPACKED_BYTES // 10**6} MB, found more; "
             "save a smaller part of it"
         )
     return data

@@ -29,7 +29,7 @@ from svgelements import Text as SvgText
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
-from planfit.floorplan.formats.svg.paint import (
+from planfit.floorplan.formats.svg.css_values import (
     PAPER,
     covers,
     dark_ground,
