@@ -45,7 +45,8 @@ def sides_with_room(ends: Float[np.ndarray, "n 2 2"], widest: float) -> Int[np.n
     for i, side in enumerate((1.0, -1.0)):
         middle = shapely.points(points + side * CLEAR * radius * left)
         is_near = np.zeros(len(line), dtype=bool)
-        is_near[tree.query(middle, predicate="dwithin", distance=radius)[0]] = True
+        # The nearest alone: in a scribble thousands are near.
+        is_near[tree.query_nearest(middle, radius, all_matches=False)[0]] = True
         share[i] = np.bincount(line, ~is_near, minlength=n) / count
     is_left = (share[0] >= MIN_FREE) & (share[1] == 0.0)
     is_right = (share[1] >= MIN_FREE) & (share[0] == 0.0)
