@@ -12,7 +12,7 @@ from planfit.alignment import Alignment
 from planfit.geometry import se3
 from planfit.matching.surfaces.types import SurfacePairs
 from planfit.pipeline.on_plan import ScanOnPlan
-from planfit.pipeline.parts import matched_elsewhere, placed_by_parts
+from planfit.pipeline.parts import matched_elsewhere, opened_by_walls, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan
 from planfit.scan.odometry import OdometryOptions
 from planfit.tracking import TrackingOptions
@@ -103,6 +103,43 @@ def test_parts_without_enough_wall_stay_with_the_part_before(truth, rng):
     measured = replace(prepared.measurements, structure=few)
     few_walls = replace(prepared, measurements=measured)
     assert placed_by_parts(few_walls, tracking, on_plan, RefineOptions()) is None
+
+
+def with_few_walls(prepared, frames):
+    """Walls of these frames alone, besides those before the jump."""
+    measured = prepared.measurements
+    seen = measured.structure.with_walls_of((np.arange(N) <= STEP) | np.isin(np.arange(N), frames))
+    return replace(prepared, measurements=replace(measured, structure=seen))
+
+
+def test_frames_beyond_an_undecided_step_whose_few_walls_fit_nowhere_have_no_place(truth, rng):
+    prepared, tracking, on_plan = world(truth, jumped(truth), rng)
+    few_walls = with_few_walls(prepared, [STEP + 6])
+    undecided = replace(tracking, undecided_steps=np.array([3, STEP, STEP + 2, STEP + 9]))
+    assert placed_by_parts(few_walls, undecided, on_plan, RefineOptions()) is None
+    opened = opened_by_walls(few_walls, undecided, on_plan, RefineOptions())
+    assert opened is not None
+    # Nothing tells which of the two steps between the walls that are explained and those that are not.
+    assert opened.open_steps.tolist() == [STEP, STEP + 2]
+    assert opened.undecided_steps.tolist() == [3, STEP + 9]
+    assert opened.unplaced == ((STEP + 1, N - 1),)
+    length = np.linalg.norm(tracking.odometry.cam_from_next[STEP, :3, 3])
+    assert opened.odometry.sigma_translation[STEP] == pytest.approx(length / 2)
+    assert np.array_equal(opened.world_from_cams, tracking.world_from_cams)
+
+
+@pytest.mark.parametrize("undecided", [[], [STEP + 9]])
+def test_nothing_is_opened_where_all_steps_to_the_walls_are_known(truth, rng, undecided):
+    prepared, tracking, on_plan = world(truth, jumped(truth), rng)
+    tracking = replace(tracking, undecided_steps=np.array(undecided, dtype=int))
+    few_walls = with_few_walls(prepared, [STEP + 6])
+    assert opened_by_walls(few_walls, tracking, on_plan, RefineOptions()) is None
+
+
+def test_an_undecided_step_to_walls_that_fit_stays_as_recorded(truth, rng):
+    prepared, tracking, on_plan = world(truth, truth, rng)
+    tracking = replace(tracking, undecided_steps=np.array([STEP]))
+    assert opened_by_walls(prepared, tracking, on_plan, RefineOptions()) is None
 
 
 def test_surfaces_brought_together_elsewhere_than_the_walls_have_them_are_found_out(truth, rng):

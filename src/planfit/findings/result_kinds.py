@@ -152,8 +152,8 @@ class ResultKind(Kind):
         "{moved_rms_m:.2f m}"
     )
     FRAMES_WITHOUT_PLACE = reservation(
-        "frames {frames} have no place: tracking was lost there, neighbouring images do not match, and no "
-        "place of theirs is surely seen again",
+        "frames {frames} have no place: neighbouring images do not match there, and neither a place that is "
+        "surely seen again nor walls of the plan tell where the tracker went on",
         "leave these frames out, or scan that part again",
     )
     PATH_TORN = reservation(

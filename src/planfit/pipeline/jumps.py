@@ -23,7 +23,7 @@ from planfit.pipeline.calibrate import CalibratedScan
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
-from planfit.pipeline.parts import matched_elsewhere, placed_by_parts
+from planfit.pipeline.parts import matched_elsewhere, opened_by_walls, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
@@ -85,10 +85,13 @@ def align_with_jumps(
         return calibrated, on_plan
     with timer.stage("jumps"):
         aligned = _Tried(tracking, calibrated.prepared, on_plan)
-        by_parts = _Walk(scan, calibrated, floorplan, options).better_by_parts(aligned)
-    if by_parts is None:
+        walk = _Walk(scan, calibrated, floorplan, options)
+        by_parts = walk.better_by_parts(aligned)
+        opened = walk.opened(by_parts or aligned)
+    best = opened or by_parts
+    if best is None:
         return calibrated, on_plan
-    return _with_jump(calibrated, by_parts), by_parts.on_plan
+    return _with_jump(calibrated, best), best.on_plan
 
 
 def _with_jump(calibrated: CalibratedScan, tried: _Tried) -> CalibratedScan:
@@ -170,6 +173,14 @@ class _Walk:
         if found is None or self.adjusted_score(found) < least:
             return None
         return replace(found, is_against=is_elsewhere)
+
+    def opened(self, as_is: _Tried) -> _Tried | None:
+        """The walk with steps open beyond which its walls are nowhere on the plan, if there are any."""
+        tracking = opened_by_walls(as_is.prepared, as_is.tracking, as_is.on_plan, self.options)
+        if tracking is None:
+            return None
+        found = self.aligned(tracking, self.prepared(tracking, as_is.is_against))
+        return None if found is None else replace(found, is_against=as_is.is_against)
 
     def prepared(
         self, tracking: Tracking, without: Bool[np.ndarray, " p"] | None = None

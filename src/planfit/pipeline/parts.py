@@ -28,7 +28,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.priors import CLEAR_ODDS
 from planfit.scan.odometry import unusualness, usual_step
-from planfit.tracking import Tracking
+from planfit.tracking import Tracking, with_open_steps
 from planfit.tracking.breaks import is_far
 from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
@@ -147,15 +147,11 @@ def placed_by_parts(
         on_plan: where the scan as a whole was aligned.
         options: those of the run.
     """
-    plan, found = on_plan.floorplan, on_plan.alignment
-    if not (options.tracking.is_judged and options.tracking.mend):
-        return None  # all is to stay as recorded
-    if plan is None or found is None or options.align.method == "paper":
+    aligned = _aligned(prepared, tracking, on_plan, options)
+    if aligned is None:
         return None
-    if len(prepared.level_from_keys) < 2:
-        return None
-    walk = _Walk.of(prepared, tracking, plan.used())
-    places, tried = [walk.at(found.plan_from_level)], set()
+    walk, as_aligned = aligned
+    places, tried = [as_aligned], set()
     while True:
         path = _likeliest(walk, places, or_unknown=True)
         new = _more_places(walk, places, path, tried, options.align)
@@ -167,6 +163,66 @@ def placed_by_parts(
     path = _likeliest(walk, places, or_unknown=False)
     parts = [_Part(first, last, places[k]) for k, first, last in _runs(path)]
     return _with_jumps(prepared, tracking, parts)
+
+
+def opened_by_walls(
+    prepared: PreparedScan,
+    tracking: Tracking,
+    on_plan: ScanOnPlan,
+    options: RefineOptions,
+) -> Tracking | None:
+    """The walk with those undecided steps open beyond which the walls are nowhere on the plan; None where all
+    is explained.
+
+    Nothing measured such a step, and it is as long as a jump. So where walls beyond it ask for a place that
+    is not known, the tracker may have jumped there, and what is beyond may be anywhere: of a lounge with a
+    jump of 1.2 m, 29 of 125 frames were 2.9 m off and predicted to be within 0.06 m.
+
+    Args:
+        prepared: loops closed.
+        tracking: of all frames.
+        on_plan: where the scan as a whole was aligned.
+        options: those of the run.
+    """
+    aligned = _aligned(prepared, tracking, on_plan, options)
+    if aligned is None:
+        return None
+    walk, as_aligned = aligned
+    path = _likeliest(walk, [as_aligned], or_unknown=True)
+    # Between the last keyframe that saw walls here and the first that did there, any step may be it.
+    with_walls, frames = np.flatnonzero(walk.n_patches), prepared.keyframes.frame_idx
+    changes = np.flatnonzero(np.diff(path[with_walls]))
+    undecided = tracking.undecided_steps
+    is_open = np.zeros(len(undecided), dtype=bool)
+    for before, after in zip(with_walls[changes], with_walls[changes + 1], strict=True):
+        is_open |= (undecided >= frames[before]) & (undecided < frames[after])
+    if not is_open.any():
+        return None
+    steps = undecided[is_open]
+    return replace(
+        tracking,
+        odometry=with_open_steps(tracking.odometry, steps),
+        open_steps=np.union1d(tracking.open_steps, steps),
+        undecided_steps=undecided[~is_open],
+    )
+
+
+def _aligned(
+    prepared: PreparedScan,
+    tracking: Tracking,
+    on_plan: ScanOnPlan,
+    options: RefineOptions,
+) -> tuple[_Walk, _Place] | None:
+    """The walk and where it was aligned as a whole; None where nothing is asked of its parts."""
+    plan, found = on_plan.floorplan, on_plan.alignment
+    if not (options.tracking.is_judged and options.tracking.mend):
+        return None  # all is to stay as recorded
+    if plan is None or found is None or options.align.method == "paper":
+        return None
+    if len(prepared.level_from_keys) < 2:
+        return None
+    walk = _Walk.of(prepared, tracking, plan.used())
+    return walk, walk.at(found.plan_from_level)
 
 
 def _more_places(

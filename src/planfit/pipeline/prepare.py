@@ -39,7 +39,7 @@ class PreparedScan:
     findings: tuple[Finding, ...] = ()
     """Revisits that were given up."""
     unplaced: tuple[tuple[int, int], ...] = ()
-    """Runs of frames, first and last, whose place nothing tells: tracking was lost there."""
+    """Runs of frames, first and last, whose place nothing tells (`Tracking.unplaced`)."""
     torn_steps: tuple[TornStep, ...] = ()
     """Recorded steps that closing loops gave up, the worst first."""
     tracking_doubt: Finding | None = None

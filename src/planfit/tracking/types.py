@@ -63,8 +63,8 @@ class Tracking:
     doubtful_steps: Int[np.ndarray, " d"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """Steps (frame i to i + 1) that no motion confirms and that are as long as a jump; revisits decide."""
     open_steps: Int[np.ndarray, " o"] = field(default_factory=lambda: np.zeros(0, dtype=int))
-    """Steps about lost frames that nothing tells, neither the tracker nor images: what is beyond may be
-    anywhere. Revisits place it, and what they place is taken off the list."""
+    """Steps about lost frames, and undecided ones beyond which walls are nowhere on the plan: nothing tells
+    them, and what is beyond may be anywhere. Revisits place it, and what they place is taken off the list."""
     undecided_steps: Int[np.ndarray, " u"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """Steps that were doubtful and that revisits did not decide: what tears the walk elsewhere may be a jump
     at one of these (`tracking/undecided.py`)."""
