@@ -4,6 +4,7 @@ import json
 import re
 import subprocess
 import sys
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from planfit.floorplan.vector.cleaning import MOST_TIMES, cleaned
 from planfit.floorplan.vector.drawing import DrawingBuilder
 from planfit.floorplan.vector.line_work import merge_collinear
 from planfit.floorplan.vector.regions import SelfCrossings
+from planfit.floorplan.vector.wall_sides import sides_with_room
 from planfit.geometry import segments
 
 
@@ -181,6 +183,19 @@ def test_a_wall_drawn_a_hundred_thousand_times_is_one(tmp_path):
     code, said, peak_mb = planned(path, "--unit", "m")
     assert code == 0, said
     assert peak_mb < 2000
+
+
+def test_room_beside_the_lines_of_a_scribble_is_sought_without_all_pairs(rng):
+    first = rng.uniform(0, 1.5, (3000, 2))
+    scribble = np.stack([first, first + rng.normal(0, 0.1, first.shape)], axis=1)
+    tracemalloc.start()
+    try:
+        sides = sides_with_room(scribble, 0.62)
+        peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
+    finally:
+        tracemalloc.stop()
+    assert (sides == 0).mean() > 0.9
+    assert peak_mb < 30
 
 
 def planned(path, *words):

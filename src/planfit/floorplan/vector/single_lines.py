@@ -264,7 +264,8 @@ def _lines_between_walls(
     """Long lines away from faces whose both ends meet faces, or other such lines."""
     ends = ends[segments.lengths(ends) > NETWORK * extent]
     walls = line_strings(faces.ends)
-    near = shapely.buffer(shapely.union_all(walls), 0.5 * BESIDE_REACH * extent)
+    # One by one: around thousands of walls that cross, which no drawing has, it takes minutes and gigabytes.
+    near = shapely.union_all(shapely.buffer(walls, 0.5 * BESIDE_REACH * extent))
     body = shapely.union(near, body_of_faces(faces, extent))
     left, _ = cut_out(ends, body, NETWORK * extent)
     left = left[~_are_panes(left, faces, BESIDE_REACH * extent)]

@@ -181,9 +181,11 @@ def _rest_of_bodies(candidates: Candidates, faces: WallFaces, extent: float) -> 
     count = np.bincount(of, minlength=len(paired.ends))
     each = (segments.lengths(paired.ends) / np.maximum(count, 1))[of[point]]
     length = np.bincount(area, each, minlength=len(areas))
-    taken = shapely.union_all(shapely.buffer(line_strings(faces.ends), tolerance, cap_style="flat"))
+    on_faces = shapely.buffer(line_strings(faces.ends), tolerance, cap_style="flat")
+    tree = shapely.STRtree(on_faces)
     ends, normals = [np.zeros((0, 2, 2))], [np.zeros((0, 2))]
     for body in areas[length > MIN_SHARE * shapely.length(areas)]:
+        taken = shapely.union_all(on_faces[tree.query(body, "intersects")])
         rest, _ = cut_out(outlines([body]), taken, _MIN_LENGTH * usual)
         rest = rest[segments.lengths(rest) > _MIN_LENGTH * usual]
         ends.append(rest)
