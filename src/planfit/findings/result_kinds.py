@@ -27,8 +27,8 @@ def _moved_walls(parts: tuple[str, ...]) -> str:
     who = "1 wall stands" if is_one else f"{len(parts)} walls stand"
     return (
         f"{who} elsewhere than drawn: {'; '.join(named)}; poses were not held to "
-        f"{'it' if is_one else 'them'}; look there and correct the plan, unless cupboards stand before the wall "
-        "or are seen through its glass"
+        f"{'it' if is_one else 'them'}; look there and correct the plan, unless cupboards stand before the "
+        "wall or are seen through its glass"
     )
 
 
