@@ -134,6 +134,18 @@ def test_what_is_no_better(changes, kind, facts):
     assert "use the recorded poses" in verdict.advice
 
 
+@pytest.mark.parametrize(("score", "runner_up", "is_tie"), [(0.98, 0.97, True), (0.98, 0.6, False)])
+def test_where_several_places_explain_the_walls_the_overlay_is_to_decide(score, runner_up, is_tie):
+    verdict = make_verdict(alignment=AdjustedAlignment(score, runner_up, 0.0, ELSEWHERE))
+    assert verdict.outcome is Outcome.NO_BETTER
+    several, uncertain = ResultKind.PLACE_OF_SEVERAL, ResultKind.PLACE_NOT_CERTAIN
+    assert verdict.because[0].kind is (several if is_tie else uncertain)
+    assert verdict.headline.endswith(several.message.advice) == is_tie
+    assert ("use the recorded poses" in verdict.headline) != is_tie
+    assert (verdict.advice == several.message.advice) == is_tie
+    assert verdict.has_rival
+
+
 def test_a_large_correction_with_a_large_error_is_an_improvement_nevertheless():
     moved = make_verdict(correction_m=np.full(50, 5.0), predicted_error_m=np.full(50, 0.5))
     assert moved.outcome == "improved"

@@ -72,6 +72,14 @@ class AdjustedAlignment:
 
     __repr__ = short_repr
 
+    @property
+    def is_tie(self) -> bool:
+        """Whether the plan explains most of the wall elsewhere as well as here, as in symmetric rooms: the
+        shape is right then, whichever of the places is."""
+        doubt = self.doubt
+        is_elsewhere = doubt is not None and doubt.kind is PlanKind.ADJUSTED_FITS_ELSEWHERE
+        return is_elsewhere and min(self.score, self.runner_up_score) >= TIE_SCORE
+
 
 def judge_adjusted(
     walls: WallSamples, floorplan: Floorplan, alignment: Alignment, options: AlignOptions

@@ -140,6 +140,11 @@ class ResultKind(Kind):
         "images that overlap",
     )
     PLACE_NOT_CERTAIN = against(("the place on the plan is not certain: ", lambda parts: parts[0]))
+    PLACE_OF_SEVERAL = against(
+        ("the place on the plan is one of several: ", lambda parts: parts[0]),
+        "look at the overlay: where the scan lies as it should, use the refined poses, else choose another "
+        "place with --candidate 2, or give control points",
+    )
     REVISITS_CAME_APART = against(
         "places seen again came apart, from {before_m:.3f (m)} to {after_m:.3f m}, in solves that did "
         "without them"

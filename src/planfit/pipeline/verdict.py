@@ -77,7 +77,8 @@ class Verdict:
     @property
     def has_rival(self) -> bool:
         """Whether the scan fits the plan elsewhere about as well."""
-        kinds = {each.kind for each in (*self.because, *self.reservations)}
+        told = (*self.because, *self.reservations)
+        kinds = {one.kind for each in told for one in (each, *each.parts)}
         return bool(kinds & {ResultKind.FITS_ELSEWHERE, PlanKind.ADJUSTED_FITS_ELSEWHERE})
 
     @property
@@ -119,6 +120,8 @@ class Verdict:
             why = self.reasons[0]
             return f"{self.outcome.value}: neither recorded nor refined poses can be used, as {why}"
         if self.outcome is Outcome.NO_BETTER:
+            if self.because[0].kind is ResultKind.PLACE_OF_SEVERAL:
+                return f"{self.outcome.value}: {self.because[0].sentence}"
             return f"{self.outcome.value}: use the recorded poses, as {self.reasons[0]}"
         if self.outcome is Outcome.IMPROVED:
             first = self.reservations[0]
@@ -187,8 +190,10 @@ def _against(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ...]:
         # What else there is to say compares the recorded poses with themselves.
         return (Finding(ResultKind.NOTHING_REFINED, {"has_plan": not evidence.is_alone}),)
     found = []
-    if evidence.alignment is not None and evidence.alignment.doubt is not None:
-        found.append(Finding(ResultKind.PLACE_NOT_CERTAIN, parts=(evidence.alignment.doubt,)))
+    aligned = evidence.alignment
+    if aligned is not None and aligned.doubt is not None:
+        kind = ResultKind.PLACE_OF_SEVERAL if aligned.is_tie else ResultKind.PLACE_NOT_CERTAIN
+        found.append(Finding(kind, parts=(aligned.doubt,)))
     is_told = not evidence.is_alone or len(evidence.visits) >= MIN_VISITS_ALONE
     if evidence.visit_distances_m and is_told:
         before, after = evidence.visit_distances_m
