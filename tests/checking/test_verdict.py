@@ -134,7 +134,9 @@ def test_what_is_no_better(changes, kind, facts):
     assert "use the recorded poses" in verdict.advice
 
 
-@pytest.mark.parametrize(("score", "runner_up", "is_tie"), [(0.98, 0.97, True), (0.98, 0.6, False)])
+@pytest.mark.parametrize(
+    ("score", "runner_up", "is_tie"), [(0.98, 0.97, True), (0.98, 0.6, False), (0.8, 0.97, False)]
+)
 def test_where_several_places_explain_the_walls_the_overlay_is_to_decide(score, runner_up, is_tie):
     verdict = make_verdict(alignment=AdjustedAlignment(score, runner_up, 0.0, ELSEWHERE))
     assert verdict.outcome is Outcome.NO_BETTER

@@ -74,11 +74,12 @@ class AdjustedAlignment:
 
     @property
     def is_tie(self) -> bool:
-        """Whether the plan explains most of the wall elsewhere as well as here, as in symmetric rooms: the
-        shape is right then, whichever of the places is."""
-        doubt = self.doubt
-        is_elsewhere = doubt is not None and doubt.kind is PlanKind.ADJUSTED_FITS_ELSEWHERE
-        return is_elsewhere and min(self.score, self.runner_up_score) >= TIE_SCORE
+        """Whether the plan explains most of the wall here, and about as much elsewhere, as in symmetric
+        rooms: the shape is right then, whichever of the places is."""
+        doubt, elsewhere = self.doubt, self.runner_up_score
+        if doubt is None or doubt.kind is not PlanKind.ADJUSTED_FITS_ELSEWHERE:
+            return False
+        return min(self.score, elsewhere) >= TIE_SCORE and elsewhere <= self.score + TIE
 
 
 def judge_adjusted(

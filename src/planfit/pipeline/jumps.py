@@ -179,8 +179,9 @@ class _Walk:
         tracking = opened_by_walls(as_is.prepared, as_is.tracking, as_is.on_plan, self.options)
         if tracking is None:
             return None
-        found = self.aligned(tracking, self.prepared(tracking, as_is.is_against))
-        return None if found is None else replace(found, is_against=as_is.is_against)
+        prepared = self.prepared(tracking, as_is.is_against)
+        found = self.aligned(tracking, prepared) or _Tried(tracking, prepared, as_is.on_plan)
+        return replace(found, is_against=as_is.is_against)
 
     def prepared(
         self, tracking: Tracking, without: Bool[np.ndarray, " p"] | None = None

@@ -184,7 +184,8 @@ def opened_by_walls(
         on_plan: where the scan as a whole was aligned.
         options: those of the run.
     """
-    aligned = _aligned(prepared, tracking, on_plan, options)
+    undecided = tracking.undecided_steps
+    aligned = _aligned(prepared, tracking, on_plan, options) if len(undecided) else None
     if aligned is None:
         return None
     walk, as_aligned = aligned
@@ -192,7 +193,6 @@ def opened_by_walls(
     # Between the last keyframe that saw walls here and the first that did there, any step may be it.
     with_walls, frames = np.flatnonzero(walk.n_patches), prepared.keyframes.frame_idx
     changes = np.flatnonzero(np.diff(path[with_walls]))
-    undecided = tracking.undecided_steps
     is_open = np.zeros(len(undecided), dtype=bool)
     for before, after in zip(with_walls[changes], with_walls[changes + 1], strict=True):
         is_open |= (undecided >= frames[before]) & (undecided < frames[after])
