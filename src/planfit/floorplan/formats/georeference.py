@@ -30,8 +30,9 @@ _METRES = {9001: 1.0, 9002: FOOT_M, 9003: 1200 / 3937}
 """By the code of EPSG: metre, foot, US survey foot."""
 _EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS84."""
-MOST_DEGREES = 0.1
-"""A building spans less than 0.1 degrees of latitude, 11 km, and none is so small in metres."""
+_DEGREES, MOST_DEGREES = 0.05, 0.1
+"""A building spans less than 0.05 degrees of latitude, 5.6 km, and none is so small in metres; what is
+said to be in degrees may span more."""
 FARTHEST_M = 1.2e7
 """Coordinates of projected systems on Earth are smaller (UTM northings end at 10,000 km): beyond, they are in
 another unit than claimed."""
@@ -181,9 +182,7 @@ def _metres_per_unit(
         return np.full(2, georeference.metres_per_unit)
     longitude, latitude = corners.mean(axis=0)
     is_degrees = (
-        np.ptp(corners, axis=0).max() < MOST_DEGREES
-        and abs(latitude) <= 90
-        and abs(longitude) <= 180
+        np.ptp(corners, axis=0).max() < _DEGREES and abs(latitude) <= 90 and abs(longitude) <= 180
     )
     if not is_degrees:
         return np.ones(2)

@@ -33,6 +33,8 @@ a cupboard has at one or two sides, a bed in a corner at two. Lines of one outli
 up to so many thicknesses of the usual one: a worktop is 0.6 m deep, a lift's wall 0.2 m."""
 LONGEST = 5.0
 """What is longer in its widths may be a piece of wall between two doors."""
+MOST_LINES = 200
+"""Of one piece: closing the areas of more takes long, and none is drawn so."""
 AROUND = 0.25
 """Of the hull of an outline, what must be seen to have room before it."""
 ROOM = 1.5
@@ -60,7 +62,8 @@ def are_furniture(
     count = np.bincount(group)
     low, high = extremes(ends.reshape(-1, 2), np.repeat(group, 2), len(count))
     size = (high - low).max(axis=1)
-    asked = (count >= 3) & (size < LARGEST * extent) & (size > SLIM * thickness.usual)
+    asked = (count >= 3) & (count <= MOST_LINES)
+    asked &= (size < LARGEST * extent) & (size > SLIM * thickness.usual)
     pairs = find_partners(ends, thickness.most, thickness.least, 0.0, PARALLEL_SINE)
     keep = (group[pairs.line] != group[pairs.partner]) | (np.abs(pairs.gap) < OWN * thickness.usual)
     covered = covered_lengths(pairs.line[keep], pairs.low[keep], pairs.high[keep], n)

@@ -25,8 +25,8 @@ DASHED_LAYER, MOST_DASHED = "dashed lines", 0.35
 are drawn so."""
 PALE_LAYER = "lines as pale as floors"
 """Grids, and edges of floors."""
-ON, WHOLE = 1e-3, 0.97
-"""Lines within this share of the drawing of a side are on it; they cover so much of each side of a frame."""
+ON, WHOLE, MOST_FRAMES = 1e-3, 0.97, 6
+"""Lines within this share of a side are on it; they cover so much of each side of a frame, one in another."""
 HUGGED, NEAR_SHARE = 0.4, 0.06
 """Beside the outer face of a building runs its inner one, within this share of its shorter side and along at
 least so much of the whole; a frame keeps away from what it frames."""
@@ -82,8 +82,7 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
         found[at] = lines_of(lines.take(at), extent)
         taken |= found
         kinds.append((name, found))
-    is_plain = kinds[-1][1]
-    kinds.append((DASHED_LAYER, _are_dashed(lines, role) & ~is_plain))
+    kinds.append((DASHED_LAYER, _are_dashed(lines, role) & ~kinds[-1][1]))
     kinds.append((PALE_LAYER, _are_pale(lines, role)))
     for name, found in kinds:
         found &= role != Role.WALL
@@ -120,9 +119,8 @@ def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:
     A building's outer faces are such a rectangle too, if no door is in them: beside them run the inner
     ones. Nothing is taken for a frame that has neither a title block nor doors inside.
     """
-    n = len(lines)
-    none = np.zeros(n, dtype=bool)
-    if n < 8:
+    none = np.zeros(len(lines), dtype=bool)
+    if len(lines) < 8:
         return none
     box, on_side = _innermost_frame(lines)
     if box is None:
@@ -161,7 +159,9 @@ def _innermost_frame(
     is_upright = (along.max(axis=1) > np.cos(1e-3)) & ~lines.is_curved
     left = length > 0.05 * float(np.ptp(ends.reshape(-1, 2), axis=0).max())
     box, found = None, np.zeros(len(lines), dtype=bool)
-    while left.sum() >= 8:
+    for _ in range(MOST_FRAMES):
+        if left.sum() < 8:
+            break
         points = ends[left].reshape(-1, 2)
         low, high = points.min(axis=0), points.max(axis=0)
         at, near = np.flatnonzero(is_upright & left), ON * float((high - low).max())

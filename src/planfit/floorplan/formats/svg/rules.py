@@ -13,16 +13,14 @@ from typing import Any
 
 import tinycss2
 
-from planfit.floorplan.formats import MAX_DEPTH
-
 SVG_NAMESPACE = "{http://www.w3.org/2000/svg}"
 STYLE = f"{SVG_NAMESPACE}style"
 _DYNAMIC = re.compile(r":(hover|focus|focus-within|focus-visible|active|visited|target|checked)|::")
 """What no printed page shows."""
 _SHOWN = re.compile(r"(only\s+)?(screen|all)|\(\s*prefers-color-scheme\s*:\s*light\s*\)", re.I)
 """Media of the drawing as it is read."""
-_MAX_NESTED = 4096
-"""Selectors that rules within rules have together: each level may multiply them."""
+_MAX_DEPTH, _MAX_NESTED = 8, 4096
+"""Levels of rules within rules, and selectors that these have together: each level may multiply them."""
 
 
 def facts_of(element: ET.Element, is_root: bool) -> frozenset[str]:
@@ -108,7 +106,7 @@ def _rules(nodes: Sequence[Any], outer: list[str], depth: int) -> Iterator[Rule]
     declarations = _declarations(nodes)
     if declarations:
         yield from (Rule(selector, declarations) for selector in outer)
-    for node in nodes if depth < MAX_DEPTH else ():
+    for node in nodes if depth <= _MAX_DEPTH else ():
         if node.type == "qualified-rule":
             inner = _nested(outer, node.prelude)
         elif node.type == "at-rule" and node.content is not None and _holds(node):
