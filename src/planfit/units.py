@@ -68,6 +68,11 @@ def quantity(value: float, unit: str, spec: str, space: str = " ") -> str:
     return f"{value:{spec}}{space}{unit}".rstrip()
 
 
+def share_reached(share: float) -> str:
+    """A share in whole per cent, rounded down: 94.9 % does not reach the 95 % that was asked for."""
+    return f"{math.floor(100 * share + 1e-9)}%"
+
+
 def area(value_m2: float, spec: str = ".1f", space: str = " ") -> str:
     """An area in words: "17.7 m²", or "191 sq ft"."""
     if asked() == "ft":

@@ -100,6 +100,15 @@ def test_of_many_moved_walls_the_first_are_named(n_walls):
     assert found.sentence.startswith("1 wall stands" if n_walls == 1 else f"{n_walls} walls stand")
 
 
+@pytest.mark.parametrize(
+    ("share", "told"),
+    [(0.947, "94%"), (0.9499, "94%"), (0.95, "95%"), (1.0, "100%"), (0.29, "29%")],
+)
+def test_a_share_that_a_limit_is_asked_of_is_never_rounded_up_to_it(share, told):
+    facts = {"predicted_rms_m": 0.2, "within_share": share, "tolerance_m": 0.15}
+    assert f"(RMS): {told} of them" in made("all_may_be_off", facts, ((0, 49),)).sentence
+
+
 def test_a_record_is_plain_json():
     facts = {"wall_share": np.float64(0.5), "other_wall_share": float("nan")}
     record = finding_record(Finding(PlanKind.LITTLE_MARGIN, facts, ((1, 2),), (3,)).about("cellar"))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from planfit.units import in_units
+from planfit.units import in_units, share_reached
 
 Fact = float | str | bool | tuple[float, ...] | tuple[str, ...] | None
 """A number in the unit that its name ends in, a name, or several of either; None where it is not known."""
@@ -175,13 +175,15 @@ def _plain(value: Any) -> Any:
 
 class _WithUnits(Formatter):
     """Formats lengths whose template says so: `{off_m:.2f m}`, and `{low_m:.2f (m)}` where the next one has
-    the unit."""
+    the unit; and shares that a limit is asked of: `{within_share:reached}`."""
 
     def format_field(self, value: Any, format_spec: str) -> str:
         """One fact."""
         if format_spec.endswith((" m", " (m)")):
             spec, _, unit = format_spec.partition(" ")
             return in_units(value, spec, unit if unit == "m" else "")
+        if format_spec == "reached":
+            return share_reached(value)
         return super().format_field(value, format_spec)
 
 

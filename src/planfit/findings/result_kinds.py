@@ -120,7 +120,7 @@ class ResultKind(Kind):
     )
     ERROR_EXPECTED = note(
         "expected position error {predicted_rms_m:.2f m}, worst {worst_m:.2f m} at frame {first}; "
-        "{within_share:.0%} of the frames are expected to be within {tolerance_m:g m}"
+        "{within_share:reached} of the frames are expected to be within {tolerance_m:g m}"
     )
     REVISITS_AGREE = note(
         "places seen again agree to {after_m:.3f m} in solves that did without them ({before_m:.3f m} "
@@ -183,8 +183,8 @@ class ResultKind(Kind):
         (
             "frames {frames} are not fixed",
             _along,
-            ": they may be off by {predicted_m:.2f m} (RMS), {within_share:.0%} of them are expected to be "
-            "within {tolerance_m:g m}",
+            ": they may be off by {predicted_m:.2f m} (RMS), {within_share:reached} of them are expected to "
+            "be within {tolerance_m:g m}",
         ),
         "scan that part again with places that were seen before and walls of both directions in view, or "
         "give control points there",
@@ -214,7 +214,7 @@ class ResultKind(Kind):
         "give wall masks, or scan more of the walls",
     )
     ALL_MAY_BE_OFF = reservation(
-        "all frames may be off by {predicted_rms_m:.2f m} (RMS): {within_share:.0%} of them are expected to "
-        "be within {tolerance_m:g m}",
+        "all frames may be off by {predicted_rms_m:.2f m} (RMS): {within_share:reached} of them are expected "
+        "to be within {tolerance_m:g m}",
         "scan again so that the walk comes back to places seen before",
     )

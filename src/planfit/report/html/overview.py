@@ -21,14 +21,15 @@ from planfit.report.plots import colors
 from planfit.report.plots.overlay import choose_close_ups, fit_in_words, side_picture
 from planfit.report.plots.top_view import Crop, Mark
 from planfit.segmentation import NO_STOREY
+from planfit.units import share_reached
 
 
 def three_numbers(result: RefineResult, metrics: Sequence[KeyMetric]) -> str:
     """How far off the cameras are expected to be, and the two metrics that are judged first."""
     verdict, expected_m = result.verdict, result.evidence.predicted_rms_m
     within = (
-        f"expected position error (RMS); {verdict.share_within:.0%} of the frames are expected within "
-        f"{formatting.length(verdict.tolerance_m, 'g')}"
+        f"expected position error (RMS); {share_reached(verdict.share_within)} of the frames are expected "
+        f"within {formatting.length(verdict.tolerance_m, 'g')}"
     )
     shown = [("unknown" if np.isinf(expected_m) else formatting.length(expected_m), within)]
     for metric in metrics[:2]:
