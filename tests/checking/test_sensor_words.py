@@ -12,14 +12,14 @@ from planfit.geometry.calibration import NOMINAL
 from planfit.pipeline.sensor import sensor_findings, sensor_parameters
 
 
-def found(implausible=(), **departures):
+def found(implausible=(), p_sensor=0.0, **departures):
     """A calibration that departs by these (departure, sigma), kept unless it is implausible."""
     departs, sigmas, is_kept = np.zeros(9), np.zeros(9), np.zeros(9, dtype=bool)
     for name, (departure, sigma) in departures.items():
         i = SHARED.index(name)
         departs[i], sigmas[i], is_kept[i] = departure, sigma, not implausible
     sensor = NOMINAL.with_vector(NOMINAL.vector + np.where(is_kept, departs, 0.0)[:7])
-    return Calibration(sensor, is_kept, departs, sigmas, 1.0, tuple(implausible))
+    return Calibration(sensor, is_kept, departs, sigmas, 1.0, tuple(implausible), p_sensor)
 
 
 @pytest.mark.parametrize(
@@ -46,18 +46,20 @@ def test_two_that_are_kept_are_one_warning():
 
 
 def test_what_no_camera_can_be_is_said_to_be_uncorrected():
-    odd = found(("principal_x",), principal_x=(17 / CAMERA.fx, 0.001))
+    odd = found(("principal_x",), 0.2, principal_x=(17 / CAMERA.fx, 0.001))
     (warning,) = sensor_findings(sensor_parameters(odd, CAMERA))
+    assert warning.facts["p_sensor"] == 0.2
+    assert "20% to intrinsics of another camera or image size, 80% to colour" in warning.sentence
     assert (
         "asks for a principal point in x 17 px off, more than a camera can be off"
         in warning.sentence
     )
-    assert "nothing was corrected; colour and depth may not be registered" in warning.sentence
     (warning,) = sensor_findings(
         sensor_parameters(found(("depth_scale",), depth_scale=(0.15, 0.001)), CAMERA)
     )
     assert "asks for depth 15.0% off" in warning.sentence
     assert "--depth-scale" in warning.sentence
+    assert warning.facts["p_sensor"] is None
     assert "registered" not in warning.sentence
 
 
@@ -90,6 +92,7 @@ def test_what_is_not_kept_is_told_as_it_would_be_and_not_applied():
     calibration = Calibration(NOMINAL, np.zeros(9, dtype=bool), np.full(9, 0.001), np.full(9, 0.01))
     rows = sensor_parameters(calibration, CAMERA)
     assert not any(row.is_kept for row in rows)
+    assert all(row.p_sensor is None for row in rows)
     assert rows[0].found == pytest.approx(1.001)
     assert (
         sensor_record(calibration.sensor, sensor_parameters(calibration, CAMERA), CAMERA)["camera"][

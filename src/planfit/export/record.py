@@ -123,6 +123,7 @@ def sensor_record(
                 "sigma": row.sigma,
                 "kept": row.is_kept,
                 "implausible": row.is_implausible,
+                "p_sensor": row.p_sensor,
             }
             for row in parameters
         },

@@ -100,6 +100,15 @@ def _request(parameter: str, unit: str, departure: float) -> str:
     return f"{what} {much} off"
 
 
+def _either(p_sensor: float | None) -> str:
+    if p_sensor is None:
+        return ""
+    return (
+        f"; geometry without keypoints gives {p_sensor:.0%} to intrinsics of another camera or image size, "
+        f"{1 - p_sensor:.0%} to colour and depth that are not registered to each other"
+    )
+
+
 def _check_of_sensor(is_of_depth: bool, is_of_lens: bool) -> str:
     unit = (
         "check the unit of the depth (--depth-scale), and the calibration that the device exports"
@@ -157,6 +166,7 @@ class ScanKind(Kind):
             "the scan asks for ",
             lambda parts: " and ".join(parts),
             ", more than a camera can be off: nothing was corrected",
+            _either,
         ),
         _check_of_sensor,
     )

@@ -46,6 +46,9 @@ class SensorParameter:
     """Whether the scan is corrected by it."""
     is_implausible: bool
     """Whether it departs by more than a sensor can be off, so that nothing was corrected."""
+    p_sensor: float | None
+    """Probability that an implausible departure is the sensor's all the same, by geometry without keypoints;
+    None of others, and of depth, of which that tells nothing."""
 
     @property
     def departure(self) -> float:
@@ -55,6 +58,7 @@ class SensorParameter:
 
 def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorParameter, ...]:
     """All parameters of a calibration in their order; `camera` is the scan's first one, as recorded."""
+    is_weighed = not any(name.startswith("depth") for name in calibration.implausible)
     rows = []
     for key, nominal in zip(PARAMETERS, NOMINAL.vector, strict=True):
         i = SHARED.index(key)
@@ -70,6 +74,9 @@ def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorP
                 sigma=sigma if sigma > 0 else None,
                 is_kept=bool(calibration.is_kept[i]),
                 is_implausible=key in calibration.implausible,
+                p_sensor=calibration.p_sensor
+                if is_weighed and key in calibration.implausible
+                else None,
             )
         )
     return tuple(rows)
@@ -85,6 +92,7 @@ def sensor_findings(rows: Sequence[SensorParameter]) -> tuple[Finding, ...]:
         return ()
     of_depth = {row.key.startswith("depth") for row in refused}
     facts = {"is_of_depth": True in of_depth, "is_of_lens": False in of_depth}
+    facts["p_sensor"] = refused[0].p_sensor
     asked = tuple(_finding(ScanKind.PARAMETER_IMPLAUSIBLE, row) for row in refused)
     return (Finding(ScanKind.SENSOR_IMPLAUSIBLE, facts, parts=asked),)
 

@@ -273,5 +273,9 @@ def _state(row: SensorParameter) -> str:
     if row.is_kept:
         return "<strong>corrected</strong>"
     if row.is_implausible:
-        return "not believed"
+        return (
+            "not believed"
+            if row.p_sensor is None
+            else f"not corrected ({row.p_sensor:.0%} the sensor's)"
+        )
     return "held" if row.sigma is None else "left alone"
