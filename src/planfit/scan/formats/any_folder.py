@@ -16,7 +16,6 @@ from planfit.scan.formats import layouts
 from planfit.scan.image_series import (
     COLORS,
     Paired,
-    Series,
     all_files,
     find_pair,
     last_number,
@@ -36,6 +35,8 @@ from planfit.scan.source import FileSource, read_text
 from planfit.scan.types import ScanOptions
 
 T = TypeVar("T")
+Beside = list[tuple[str, dict[str, str]]]
+"""Names of files that are of no series, and patterns of series with the frames' numbers, files by these."""
 POSE_WORDS = words_of(
     "pose poses traj trajectory trajectories groundtruth ground truth gt extrinsic extrinsics odometry odom "
     "camera cameras cam transform transforms transformations matrices w c world to frames"
@@ -86,9 +87,7 @@ class Content:
 
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
-    series, tables = _sorted_out(source)
-    wanted = options.color_topic, options.depth_topic
-    pair = find_pair(source, series, wanted, options.max_time_gap_s)
+    pair, beside = _sorted_out(source, options)
     if pair is None:
         raise ScanError(
             f"{source.path}: expected images of colour and of depth (16-bit, .npy or .exr) whose names share "
@@ -98,8 +97,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
     if options.poses is not None:
         poses = Poses(str(options.poses), read_poses(options.poses))
     else:
-        found = _poses(source, series, tables, pair, why)
-        found = [one for one in found if options.pose_topic in one.name]
+        found = [one for one in _poses(source, beside, why) if options.pose_topic in one.name]
         line = f"{source.path}: expected poses of the frames, found {(*why, 'none')[0]}; or give --poses FILE"
         words = POSE_WORDS | pair.color.words
         poses = _plainest(source, found, lambda one: one.name, words, line, "--pose-topic")
@@ -113,7 +111,7 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
         )
         for frame_id, time, pose, (a, b) in zip(ids, times, matrices, pair.frames, strict=True)
     ]  # fmt: skip
-    lens, lens_files, text = _lens(source, series, tables, pair)
+    lens, lens_files, text = _lens(source, beside)
     used = poses.files or (() if options.poses else (poses.name,))
     content, warnings = Content(lens, text, files), [*pair.told, *told]
     return Listing(source, frames, content, [*lens_files, *used], warnings=warnings)
@@ -121,31 +119,33 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[Content]:
 
 def _is_any(source: FileSource) -> bool:
     """Whether images of colour and depth are there with poses, or without in no folder of a known format."""
-    series, tables = _sorted_out(source)
     try:
-        pair = find_pair(source, series, ("", ""), ScanOptions().max_time_gap_s)
+        pair, beside = _sorted_out(source, ScanOptions())
     except ScanError:
         return True  # of several cameras, which is told when it is read
     if pair is None:
         return False
-    has_poses = next(_poses(source, series, tables, pair, []), None) is not None
+    has_poses = next(_poses(source, beside, []), None) is not None
     return has_poses or nearest(source, layouts()) is None
 
 
-def _sorted_out(source: FileSource) -> tuple[list[Series], list[str]]:
-    """Series of files, and files that belong to none."""
+def _sorted_out(source: FileSource, options: ScanOptions) -> tuple[Paired | None, Beside]:
+    """Colour and depth, None where there are none, and what may tell of their frames."""
     names = all_files(source)
     series = series_of(names)
+    wanted = options.color_topic, options.depth_topic
+    pair = find_pair(source, series, wanted, options.max_time_gap_s)
+    if pair is None:
+        return None, []
     held = {name for one in series for name in one.names.values()}
-    return series, [name for name in names if name not in held]
-
-
-def _poses(
-    source: FileSource, series: list[Series], tables: list[str], pair: Paired, why: list[str]
-) -> Iterator[Poses]:
-    """All that can be read as poses of several frames; `why` grows by what cannot."""
     own = [one for one in series if partners([*one.names], pair.keys, 0.0)]
-    for pattern, names in [*((name, {}) for name in tables), *((s.pattern, s.names) for s in own)]:
+    tables: Beside = [(name, {}) for name in names if name not in held]
+    return pair, [*tables, *((one.pattern, one.names) for one in own)]
+
+
+def _poses(source: FileSource, beside: Beside, why: list[str]) -> Iterator[Poses]:
+    """All that can be read as poses of several frames; `why` grows by what cannot."""
+    for pattern, names in beside:
         words, files = words_of(pattern), list(names.values())
         if not pattern.lower().endswith(POSE_SUFFIXES) or _OTHERS & words:
             continue
@@ -276,14 +276,10 @@ def _plainest(
     return best[0]
 
 
-def _lens(
-    source: FileSource, series: list[Series], tables: list[str], pair: Paired
-) -> tuple[LensOfFrame, list[str], str]:
+def _lens(source: FileSource, beside: Beside) -> tuple[LensOfFrame, list[str], str]:
     """The lens of each frame, the files that tell it, and the text of the first."""
-    found: list[tuple[str, dict[str, str]]] = [(name, {}) for name in tables]
-    found += [(one.pattern, one.names) for one in series if partners([*one.names], pair.keys, 0.0)]
     why, usable = "none", []
-    for name, names in found:
+    for name, names in beside:
         words, suffix = words_of(name), PurePosixPath(name).suffix.lower()
         is_named = words & LENS_WORDS and not words & (POSE_WORDS - LENS_WORDS)
         is_told = suffix in CAMERA_SUFFIXES or (is_named and suffix in (".txt", ".csv"))
