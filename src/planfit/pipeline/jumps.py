@@ -45,8 +45,6 @@ class _Tried:
     tracking: Tracking
     prepared: PreparedScan
     on_plan: ScanOnPlan
-    cost: float = 0.0
-    """By how much less like a walk the step with the jump is so than as recorded, squared sigmas."""
     is_against: Bool[np.ndarray, " p"] | None = None
     """Pairs by surfaces that contradict it, and that it was prepared without; None: none."""
 
@@ -138,11 +136,13 @@ class _Walk:
         highest = max(scores)
         if highest < max(as_recorded - SAME_SCORE, MIN_SCORE):
             return None
-        level = [t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE]
-        return min(level, key=lambda each: each.cost)
+        return next(
+            t for t, score in zip(tried, scores, strict=True) if score > highest - SAME_SCORE
+        )
 
     def tried_with_jumps(self, tracking: Tracking) -> list[_Tried]:
-        """The walk with the jump at each undecided step where it lets loops close, where the likeliest lies.
+        """The walk with the jump at each undecided step where it lets loops close, the likeliest jump first;
+        all are where that one lies.
 
         With loops closed from the same first frame, hypotheses differ by few frames: one alignment serves
         all. Twelve of ConSLAM took 180 CPU s with one for each.
@@ -159,7 +159,7 @@ class _Walk:
         first = next((each for each in aligned if each is not None), None)
         if first is None:
             return []
-        return [_Tried(each.tracking, p, first.on_plan, each.cost) for each, p in walks]
+        return [_Tried(each.tracking, p, first.on_plan) for each, p in walks]
 
     def better_by_parts(self, as_is: _Tried) -> _Tried | None:
         """The walk with its parts placed one by one, if much more of its walls is explained so."""
