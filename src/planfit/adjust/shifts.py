@@ -66,8 +66,7 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     if len(moved) == 0 or len(seen.patches) == 0:
         return ()
     patch, face, distance_m = beside_faces(seen, 1.5 * MAX_OFFSET_M)
-    tried = _tried(-moved_m[moved, None] * floorplan.normals[moved])
-    shifts = np.concatenate([np.zeros((1, 2)), tried])
+    shifts = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     held = _held(patch, face, distance_m, shifts, floorplan.normals)
     as_drawn = np.stack([np.bincount(f[f >= 0], minlength=len(floorplan)) for f in held])
     as_drawn = as_drawn >= MIN_PATCHES
@@ -88,7 +87,7 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     n_moved = int((_any_face(is_moved[faces], wall_of_face) & ~here).sum())
     n_walls = n_moved + int(here.sum())
     found = []
-    for by_m, there in zip(tried, stand[1:], strict=True):
+    for by_m, there in zip(shifts[1:], stand[1:], strict=True):
         n_for, n_against = int((there & ~here).sum()), int((here & ~there).sum())
         if n_for == 0:
             continue
@@ -113,17 +112,16 @@ def on_other_copy(seen: PatchesOnPlan) -> Float[np.ndarray, " 2"] | None:
     cells = np.round(wanted / WITHIN_M)
     _, of, counts = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     most = np.argsort(-counts, kind="stable")[:MOST_TWINS]
-    tried = _tried(np.array([np.median(wanted[of == one], axis=0) for one in most]).reshape(-1, 2))
-    shifts = np.concatenate([np.zeros((1, 2)), tried])
+    shifts = _tried(np.array([np.median(wanted[of == one], axis=0) for one in most]).reshape(-1, 2))
     here, *there = _held(patch, face, distance_m, shifts, normals)
-    n_found = np.zeros(len(tried), dtype=int)
-    for k, held in enumerate(there):
+    n_found = np.zeros(len(shifts), dtype=int)
+    for k, held in enumerate(there, start=1):
         # What a shift runs along is found before and after.
-        is_moved = (here >= 0) & (np.abs(normals[here] @ tried[k]) > SAME_SHIFT_M / 2)
+        is_moved = (here >= 0) & (np.abs(normals[here] @ shifts[k]) > SAME_SHIFT_M / 2)
         n, n_again = int(is_moved.sum()), int((is_moved & (held >= 0)).sum())
         if n >= MIN_PATCHES and n_again >= TWICE_SHARE * n:
             n_found[k] = n_again
-    return tried[np.argmax(n_found)] if n_found.any() else None
+    return shifts[np.argmax(n_found)] if n_found.any() else None
 
 
 def _log_odds(n_moved: int, n_moved_there: int, n_walls: int) -> float:
@@ -137,14 +135,14 @@ def _log_odds(n_moved: int, n_moved_there: int, n_walls: int) -> float:
 
 
 def _tried(wanted: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, "s 2"]:
-    """Distinct shifts among those that moved walls ask for, and of two that stand across each other."""
+    """None first, then distinct ones that moved walls ask for, and of two that stand across each other."""
     single = _distinct(wanted)
     both = [
         a + b
         for a, b in combinations(single, 2)
         if abs(a @ b) < ACROSS * np.linalg.norm(a) * np.linalg.norm(b)
     ]
-    return np.array(_distinct([*single, *both])[:MAX_SHIFTS]).reshape(-1, 2)
+    return np.stack([np.zeros(2), *_distinct([*single, *both])[:MAX_SHIFTS]])
 
 
 def _distinct(shifts: Iterable[Float[np.ndarray, " 2"]]) -> list[Float[np.ndarray, " 2"]]:
