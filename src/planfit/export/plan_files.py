@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from planfit.floorplan import Floorplan
 from planfit.floorplan.vector.own_drawing import FACES, LINES, OPENINGS
-from planfit.geometry import segments
 from planfit.runtime import whole_file, write_whole
 
 _COLOURS = {FACES: (7, "black"), LINES: (8, "#808080"), OPENINGS: (5, "#0072b2")}
@@ -61,9 +60,7 @@ def write_plan_dxf(path: Path, floorplan: Floorplan) -> None:
 
 def _layers(floorplan: Floorplan) -> list[tuple[str, Float[np.ndarray, "n 2 2"]]]:
     """Lines (n, 2, 2) of each layer that has any, the free side of faces on their left."""
-    is_left = np.einsum("ni,ni->n", segments.left_normals(floorplan.ends), floorplan.normals) > 0
-    ends = np.where(is_left[:, None, None], floorplan.ends, floorplan.ends[:, ::-1])
     openings = np.zeros((0, 2, 2)) if floorplan.openings is None else floorplan.openings
-    is_oriented = floorplan.is_oriented
+    ends, is_oriented = floorplan.ends_free_left, floorplan.is_oriented
     of_layer = {FACES: ends[is_oriented], LINES: ends[~is_oriented], OPENINGS: openings}
     return [(layer, lines) for layer, lines in of_layer.items() if len(lines)]

@@ -110,9 +110,7 @@ def _sides(
     lie between ends of walls."""
     long = floorplan.lengths > SHORTEST_FACE_M
     is_end = _are_ends_of_walls(floorplan)[long]
-    ends, is_oriented = floorplan.ends[long], floorplan.is_oriented[long]
-    is_turned = np.einsum("ni,ni->n", segments.left_normals(ends), floorplan.normals[long]) < 0
-    ends = np.where(is_turned[:, None, None], ends[:, ::-1], ends)
+    ends, is_oriented = floorplan.ends_free_left[long], floorplan.is_oriented[long]
     # A line whose free side is unknown goes on either way.
     both = np.concatenate([ends, ends[~is_oriented][:, ::-1]])
     is_known = np.concatenate([is_oriented, np.zeros(int((~is_oriented).sum()), dtype=bool)])

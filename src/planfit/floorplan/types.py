@@ -251,6 +251,12 @@ class Floorplan:
         """Of each face."""
         return segments.lengths(self.ends)
 
+    @property
+    def ends_free_left(self) -> Float[np.ndarray, "n 2 2"]:
+        """The ends so that the free side is on the left of the way from the first to the second."""
+        is_turned = np.einsum("ni,ni->n", segments.left_normals(self.ends), self.normals) < 0
+        return np.where(is_turned[:, None, None], self.ends[:, ::-1], self.ends)
+
     @cached_property
     def offsets(self) -> Float[np.ndarray, " n"]:
         """The line of a face is `normal @ xy == offset`."""

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan, nearest_faces
@@ -61,6 +61,16 @@ class Building:
             max(r.x1 for r in rooms),
             max(r.y1 for r in rooms),
         )
+
+    @property
+    def walls_of_rooms(self) -> tuple[Float[np.ndarray, "n 2 2"], Int[np.ndarray, " n"]]:
+        """Faces that things hang on, and the room of each; none of a stairwell: steps would hide them, or cut
+        them in two."""
+        faces = self.faces
+        is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
+        if self.layout.stairs is not None:
+            is_wall &= faces.rooms != len(self.layout.rooms) - 1
+        return faces.ends[is_wall], faces.rooms[is_wall]
 
     def inwards(self, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Directions towards the middle of the room, shorter near it; 0 in doors."""
@@ -137,14 +147,9 @@ def make_storey(options: BuildingOptions, rng: np.random.Generator) -> Building:
         own = tuple(piece for piece in furniture if piece.room in (0, layout.corridor))
         furniture = own
         for room in copied_rooms(layout):
-            furniture += copy_room(own, layout, 0, room)
+            furniture += copy_room(own, layout, room)
     building = Building(options, layout, faces, furniture)
-    is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
-    if layout.stairs is not None:
-        is_wall &= faces.rooms != len(layout.rooms) - 1
-    posters = place_posters(
-        options.same_posters, faces.ends[is_wall], faces.rooms[is_wall], building.clearance, rng
-    )
+    posters = place_posters(options.same_posters, *building.walls_of_rooms, building.clearance, rng)
     return replace(building, posters=posters)
 
 

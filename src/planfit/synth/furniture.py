@@ -85,7 +85,7 @@ def furnish(
             boxes = makers[int(rng.integers(len(makers)))](rng)
             for _ in range(12):
                 footprint = _random_place(room, _size(boxes), is_central, rng)
-                if _fits(footprint, placed, columns, room, doors, WALKWAY_M):
+                if _fits(footprint, placed, columns, room, doors):
                     placed.append(footprint)
                     pieces.append(Piece(footprint, tuple(boxes), i))
                     break
@@ -133,7 +133,6 @@ def _fits(
     columns: list[Footprint],
     room: Rect,
     doors: list[Door],
-    walkway: float,
 ) -> bool:
     bounds = footprint.bounds()
     inner = room.grown(-GAP_M / 2)
@@ -144,19 +143,19 @@ def _fits(
         return False
     if any(bounds.overlaps(door.rect.grown(DOOR_ZONE_M)) for door in doors):
         return False
-    return _is_walkable([footprint, *others], room, doors, walkway)
+    return _is_walkable([footprint, *others], room, doors)
 
 
-def _is_walkable(obstacles: list[Footprint], room: Rect, doors: list[Door], walkway: float) -> bool:
-    """Whether one way of this width joins all doors and the larger part of what is left free."""
+def _is_walkable(obstacles: list[Footprint], room: Rect, doors: list[Door]) -> bool:
+    """Whether one way of `WALKWAY_M` joins all doors and the larger part of what is left free."""
     step = 0.1
-    inner = room.grown(-walkway / 2)
+    inner = room.grown(-WALKWAY_M / 2)
     x, y = np.arange(inner.x0, inner.x1, step), np.arange(inner.y0, inner.y1, step)
     if len(x) == 0 or len(y) == 0:
         return False
     xy = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
     clear = np.min([obstacle.distance(xy) for obstacle in obstacles], axis=0)
-    is_free = (clear >= walkway / 2).reshape(len(x), len(y))
+    is_free = (clear >= WALKWAY_M / 2).reshape(len(x), len(y))
     if is_free.mean() < 0.25:
         return False
     parts, _ = ndimage.label(is_free)

@@ -144,16 +144,14 @@ def leaves_of_layout(
     return tuple(leaves)
 
 
-def copy_room(
-    pieces: tuple[Piece, ...], layout: BuildingLayout, original: int, copy: int
-) -> tuple[Piece, ...]:
-    """The furniture of a room as it stands in another of the same size, see `turn_to`."""
-    turned, (x, y) = turn_to(layout, original, copy)
+def copy_room(pieces: tuple[Piece, ...], layout: BuildingLayout, copy: int) -> tuple[Piece, ...]:
+    """The furniture of room 0 as it stands in another of the same size, see `turn_to`."""
+    turned, (x, y) = turn_to(layout, copy)
     sign = -1.0 if turned else 1.0
-    here = layout.rooms[original].centre
+    here = layout.rooms[0].centre
     copies = []
     for piece in pieces:
-        if piece.room == original:
+        if piece.room == 0:
             cx, cy = sign * (np.array(piece.footprint.centre) - here)
             footprint = replace(
                 piece.footprint,
@@ -164,12 +162,10 @@ def copy_room(
     return tuple(copies)
 
 
-def turn_to(
-    layout: BuildingLayout, original: int, copy: int
-) -> tuple[bool, Float[np.ndarray, "2"]]:
-    """Whether a room is turned by half a turn against another like it, as the door to the corridor must
-    be on the other side, and where its centre is, m."""
+def turn_to(layout: BuildingLayout, copy: int) -> tuple[bool, Float[np.ndarray, "2"]]:
+    """Whether a room is turned by half a turn against room 0, which is like it, as the door to the corridor
+    must be on the other side, and where its centre is, m."""
     assert layout.corridor is not None
     corridor = layout.rooms[layout.corridor].centre[1]
-    side, other = (layout.rooms[room].centre[1] < corridor for room in (original, copy))
+    side, other = (layout.rooms[room].centre[1] < corridor for room in (0, copy))
     return bool(side != other), layout.rooms[copy].centre

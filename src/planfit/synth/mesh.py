@@ -22,7 +22,6 @@ from planfit.synth.quads import (
     Material,
     Quads,
     add_box,
-    join,
 )
 from planfit.synth.walls import Part
 
@@ -112,16 +111,11 @@ def _add_doorways(building: Building, collector: Collector) -> None:
 
 
 def _add_wall_hangings(building: Building, collector: Collector, rng: np.random.Generator) -> None:
-    options, faces = building.options, building.faces
-    is_wall = (faces.parts == Part.FULL) & (faces.rooms >= 0) & ~faces.is_column
-    if building.layout.stairs is not None:
-        # Steps would hide them, or cut them in two.
-        is_wall &= faces.rooms != len(building.layout.rooms) - 1
-    ends = faces.ends[is_wall]
+    ends, rooms = building.walls_of_rooms
     reach = OUTER_WALL_M + 0.05
     behind = ends.mean(axis=1) - segments.left_normals(ends) * reach
     is_outer = ~np.any([room.contains(behind) for room in building.layout.rooms], axis=0)
-    add_hangings(ends, faces.rooms[is_wall], is_outer, options, collector, rng)
+    add_hangings(ends, rooms, is_outer, building.options, collector, rng)
 
 
 def _lamp_spots(building: Building) -> list[tuple[int, tuple[float, float]]]:
@@ -137,10 +131,14 @@ def _lamp_spots(building: Building) -> list[tuple[int, tuple[float, float]]]:
 
 
 def _add_lamps(building: Building, collector: Collector) -> None:
-    height = building.options.height_m
-    lamp = Box((-0.3, -0.15, height - 0.07), (0.3, 0.15, height), Material.LAMP, WHITE)
     for room, spot in _lamp_spots(building):
-        add_box(lamp, spot, 0.0, room, collector)
+        add_lamp(spot, building.options.height_m, room, collector)
+
+
+def add_lamp(xy: tuple[float, float], height_m: float, room: int, collector: Collector) -> None:
+    """Hang a lamp at a place, m, under the ceiling."""
+    lamp = Box((-0.3, -0.15, height_m - 0.07), (0.3, 0.15, height_m), Material.LAMP, WHITE)
+    add_box(lamp, xy, 0.0, room, collector)
 
 
 def add_piece(piece: Piece, collector: Collector) -> None:
@@ -166,9 +164,9 @@ def _with_same_rooms(quads: Quads, building: Building) -> Quads:
     centre = np.array([*building.layout.rooms[0].centre, 0.0])
     rooms = []
     for room in copied:
-        is_turned, to = turn_to(building.layout, 0, room)
+        is_turned, to = turn_to(building.layout, room)
         turn = np.diag([-1.0, -1.0, 1.0]) if is_turned else np.eye(3)
         copy = replace(quads.take(original), room=np.full(len(original), room))
         copy = replace(copy, origin=copy.origin - centre).turned(turn)
         rooms.append(replace(copy, origin=copy.origin + np.array([*to, 0.0])))
-    return join([kept, *rooms])
+    return Quads.together([kept, *rooms])

@@ -18,10 +18,8 @@ from planfit.synth.plan_space import (
     CELL_M,
     Cells,
     PlanRoom,
-    bounds_of,
     look_up,
     make_cells,
-    rooms_of,
 )
 from planfit.synth.plan_walls import MAX_WALL_M, PlanWalls, plan_walls
 from planfit.synth.rect import Rect
@@ -56,12 +54,18 @@ class PlanBuilding:
     @cached_property
     def rooms(self) -> tuple[PlanRoom, ...]:
         """Large ones, the largest first."""
-        return tuple(rooms_of(self.cells, LARGE_ROOM_M2))
+        room = self.cells.room
+        counts = np.bincount(room[room >= 0], minlength=1)
+        order = np.argsort(-counts, kind="stable")
+        large = order[counts[order] * CELL_M**2 >= LARGE_ROOM_M2]
+        return tuple(PlanRoom(room == number, self.cells.low) for number in large)
 
     @cached_property
     def bounds(self) -> Rect:
         """Around all walls."""
-        return bounds_of(self.cells)
+        x, y = self.cells.low - CELL_M / 2
+        width, depth = CELL_M * np.array(self.cells.clearance.shape)
+        return Rect(float(x), float(y), float(x + width), float(y + depth))
 
     @cached_property
     def faces_of_rooms(self) -> tuple[Float[np.ndarray, "n 2 2"], Int[np.ndarray, " n"]]:

@@ -7,7 +7,7 @@ import numpy as np
 from planfit.geometry import segments
 from planfit.scan.types import Label
 from planfit.synth.furniture import add_hangings
-from planfit.synth.mesh import LAMP_SPACING_M, add_piece, add_posters
+from planfit.synth.mesh import LAMP_SPACING_M, add_lamp, add_piece, add_posters
 from planfit.synth.plan_building import PlanBuilding
 from planfit.synth.plan_space import look_up
 from planfit.synth.plan_walls import MAX_WALL_M
@@ -15,13 +15,11 @@ from planfit.synth.quads import (
     FLOORS,
     WALL_COLORS,
     WHITE,
-    Box,
     Collector,
     Lights,
     Material,
     Quads,
     Z,
-    add_box,
 )
 
 _BEYOND_M = 5.0
@@ -91,10 +89,9 @@ def _add_lintels(building: PlanBuilding, collector: Collector) -> None:
 
 
 def _add_lamps(building: PlanBuilding, collector: Collector) -> None:
-    height, bounds = building.options.height_m, building.bounds
+    bounds = building.bounds
     x = np.arange(bounds.x0 + LAMP_SPACING_M / 2, bounds.x1, LAMP_SPACING_M)
     y = np.arange(bounds.y0 + LAMP_SPACING_M / 2, bounds.y1, LAMP_SPACING_M)
     spots = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    lamp = Box((-0.3, -0.15, height - 0.07), (0.3, 0.15, height), Material.LAMP, WHITE)
-    for spot in spots[building.clearance(spots) > 0.4]:
-        add_box(lamp, (float(spot[0]), float(spot[1])), 0.0, _UNLIT, collector)
+    for x, y in spots[building.clearance(spots) > 0.4].tolist():
+        add_lamp((x, y), building.options.height_m, _UNLIT, collector)

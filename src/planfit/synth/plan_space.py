@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from planfit.geometry import segments
 from planfit.synth.plan_walls import PlanWalls
-from planfit.synth.rect import Rect
 
 CELL_M = 0.1
 _INSIDE_CELL_M = 0.2
@@ -144,18 +143,3 @@ def _rooms(clearance: Float[np.ndarray, "nx ny"]) -> Int[np.ndarray, "nx ny"]:
         grown = ndimage.maximum_filter(room, size=3)
         room = np.where((room == 0) & is_free, grown, room)
     return room - 1
-
-
-def rooms_of(cells: Cells, least_area_m2: float) -> list[PlanRoom]:
-    """Rooms of at least this area, largest first."""
-    counts = np.bincount(cells.room[cells.room >= 0], minlength=1)
-    order = np.argsort(-counts, kind="stable")
-    large = [int(r) for r in order if counts[r] * CELL_M**2 >= least_area_m2]
-    return [PlanRoom(cells.room == r, cells.low) for r in large]
-
-
-def bounds_of(cells: Cells) -> Rect:
-    """Around all cells."""
-    x, y = cells.low - CELL_M / 2
-    width, depth = CELL_M * np.array(cells.clearance.shape)
-    return Rect(float(x), float(y), float(x + width), float(y + depth))

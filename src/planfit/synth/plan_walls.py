@@ -37,8 +37,6 @@ class PlanWalls:
     """One side of the underside of each, where both sides of the opening are known."""
     soffit_depths: Float[np.ndarray, " m"]
     """How far to the left of that side the other one is."""
-    opened_m: float
-    """Length of faces that are not built, because the walk goes through them."""
 
     @cached_property
     def _tree(self) -> shapely.STRtree:
@@ -67,15 +65,10 @@ def plan_walls(
         walked: points of a way that is known to be free, m; faces are not built near it.
         reach_m: how near, m.
     """
-    left = segments.left_normals(floorplan.ends)
-    is_turned = np.einsum("ni,ni->n", left, floorplan.normals) < 0
-    ends = np.where(is_turned[:, None, None], floorplan.ends[:, ::-1], floorplan.ends)
-    is_oriented, opened_m = floorplan.is_oriented, 0.0
+    ends, is_oriented = floorplan.ends_free_left, floorplan.is_oriented
     if walked is not None:
-        before = segments.lengths(ends).sum()
         ends, source = _without(ends, shapely.LineString(walked).buffer(reach_m))
         is_oriented = is_oriented[source]
-        opened_m = float(before - segments.lengths(ends).sum())
     pairs = _bodies(ends, is_oriented)
     closing = _closing(ends, pairs)
     backs = _backs(ends, is_oriented, pairs, single_wall_m)
@@ -90,7 +83,6 @@ def plan_walls(
         len(ends),
         openings,
         *_soffits(openings),
-        opened_m,
     )
 
 

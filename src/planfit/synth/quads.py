@@ -1,12 +1,12 @@
 """Boxes, and the rectangles with labels and materials that synthetic buildings are rendered from."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Float, Int, Integer, UInt8
 
+from planfit.floorplan.faces import Rows
 from planfit.geometry import segments
 from planfit.scan.types import Label
 from planfit.synth.rect import Rect
@@ -86,7 +86,7 @@ X, Y, Z = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Quads:
+class Quads(Rows):
     """Rectangles, plan frame: `origin + u * u_axis + v * v_axis`, u and v from 0 to `size`."""
 
     origin: Float[np.ndarray, "n 3"]
@@ -122,17 +122,6 @@ class Quads:
             v_axis=self.v_axis @ rotation.T,
             normal=self.normal @ rotation.T,
         )
-
-    def take(self, index: Int[np.ndarray, " k"]) -> "Quads":
-        """Those of an index."""
-        return Quads(**{f.name: getattr(self, f.name)[index] for f in fields(self)})
-
-
-def join(parts: Sequence[Quads]) -> Quads:
-    """One after the other."""
-    return Quads(
-        **{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(Quads)}
-    )
 
 
 @dataclass(frozen=True)

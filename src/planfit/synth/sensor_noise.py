@@ -141,9 +141,8 @@ def _shared_noise(
     radius = int(np.ceil(4.0 * correlation_px))
     kernel = cv2.getGaussianKernel(2 * radius + 1, correlation_px, cv2.CV_32F)
     kernel /= np.sqrt(np.sum(kernel**2))
-    return cv2.sepFilter2D(white, -1, kernel, kernel, borderType=cv2.BORDER_WRAP) if (
-        min(shape) <= radius
-    ) else cv2.sepFilter2D(white, -1, kernel, kernel)  # fmt: skip
+    border = cv2.BORDER_WRAP if min(shape) <= radius else cv2.BORDER_DEFAULT
+    return cv2.sepFilter2D(white, -1, kernel, kernel, borderType=border)
 
 
 def _smooth_field(shape: tuple[int, ...], rng: np.random.Generator) -> Float[np.ndarray, "h w"]:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.floorplan import Floorplan
+from planfit.floorplan.faces import Rows
 from planfit.scan.types import Label
 from planfit.synth.building import Building, make_storey
 from planfit.synth.mesh import make_lights, make_quads
@@ -22,7 +23,6 @@ from planfit.synth.quads import (
     Y,
     Z,
     add_box,
-    join,
 )
 from planfit.synth.route import find_route
 from planfit.synth.stairs import Stairs
@@ -92,7 +92,7 @@ def make_storeyed_quads(building: StoreyedBuilding, rng: np.random.Generator) ->
         if k < top:
             parts.append(_stairs(building, k, well + n_rooms, rng))
         n_rooms += len(storey.layout.rooms)
-    return join(parts)
+    return Quads.together(parts)
 
 
 def _stairs(building: StoreyedBuilding, k: int, room: int, rng: np.random.Generator) -> Quads:
@@ -132,7 +132,7 @@ def make_storeyed_lights(building: StoreyedBuilding) -> Lights:
 
 
 @dataclass(frozen=True)
-class _Leg:
+class _Leg(Rows):
     """Part of the way, in dense points."""
 
     walked: Float[np.ndarray, "n 2"]
@@ -168,14 +168,11 @@ def walk_through_storeys(
             if k > 0:
                 across = resample(np.stack([building.stairs.foot, building.stairs.head]))
                 legs.append(_on_floor(building, k, across, np.zeros_like(across)))
-    walked, floor_z, inwards, storeys = (
-        np.concatenate([getattr(leg, name) for leg in legs])
-        for name in ("walked", "floor_z", "inwards", "storeys")
-    )
-    yaw = heading(walked, inwards, options.is_loop)
-    poses = look_ahead(walked, floor_z, yaw, options, rng)
+    way = _Leg.together(legs)
+    yaw = heading(way.walked, way.inwards, options.is_loop)
+    poses = look_ahead(way.walked, way.floor_z, yaw, options, rng)
     picked = evenly_moving(poses, options.n_frames)
-    return StoreyedWalk(building.plan_from_building @ poses[picked], storeys[picked])
+    return StoreyedWalk(building.plan_from_building @ poses[picked], way.storeys[picked])
 
 
 def _on_floor(

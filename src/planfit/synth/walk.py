@@ -63,16 +63,6 @@ def walk_along(
     return space.plan_from_building @ building_from_cams[picked]
 
 
-def walk_ahead(
-    route: Float[np.ndarray, "k 2"],
-    space: Space,
-    options: WalkOptions,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "n 2"]:
-    """Points `_STEP_M` apart of the way as it is walked: with rounded corners, and swaying."""
-    return _round_corners(resample(route), space, options, rng)
-
-
 def look_ahead(
     walked: Float[np.ndarray, "n 2"],
     floor_z: Float[np.ndarray, " n"],
@@ -125,20 +115,21 @@ def _swing(n: int, wavelength_m: float, rng: np.random.Generator) -> Float[np.nd
     return np.clip(raw * np.sqrt(2.0 * np.sqrt(np.pi) * sigma), -2.0, 2.0)
 
 
-def _round_corners(
-    planned: Float[np.ndarray, "n 2"],
+def walk_ahead(
+    route: Float[np.ndarray, "k 2"],
     space: Space,
     options: WalkOptions,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "n 2"]:
-    """Smooth the path and let it sway, but only as far as the clearance allows."""
+    """Points `_STEP_M` apart of the way as it is walked: with rounded corners, and swaying, as far as the
+    clearance allows."""
+    planned = resample(route)
     n = len(planned)
     smooth = _smoothed(planned, _SMOOTH_M)
     sway = np.column_stack([_swing(n, 0.6, rng), _swing(n, 0.6, rng)])
     wanted = smooth + options.sway_m * _easing(n)[:, None] * sway
     # The ends stay where they are: smoothing would pull them in, and a loop would not close.
-    ends = np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M / 0.5, 0.0, 1.0)
-    share = ends
+    share = np.clip(np.minimum(np.arange(n), np.arange(n)[::-1]) * _STEP_M / 0.5, 0.0, 1.0)
     # The planned path keeps MARGIN_M more than the clearance, but for narrow doors of plans and paths that
     # were given: a share of 0 always passes.
     least = np.minimum(space.clearance(planned) - _GIVE_M, options.clearance_m + 0.1 * MARGIN_M)

@@ -107,18 +107,12 @@ def _collect(
     along = cuts[1 - axis]
     behind, front = (cells[:-1], cells[1:]) if facing > 0 else (cells[1:], cells[:-1])
     column_behind = column[:-1] if facing > 0 else column[1:]
-    for line, j in np.argwhere((behind == _SOLID) & (front != _SOLID)):
-        room = front[line, j]
-        part = Part.JAMB if room == OPENING else Part.FULL
-        key = (axis, facing, line + 1, part, room, column_behind[line, j])
-        runs.setdefault(tuple(int(k) for k in key), []).append(
-            (float(along[j]), float(along[j + 1]))
-        )
-    for line, j in np.argwhere((behind == OPENING) & (front >= 0)):
-        key = (axis, facing, line + 1, Part.LINTEL, front[line, j], 0)
-        runs.setdefault(tuple(int(k) for k in key), []).append(
-            (float(along[j]), float(along[j + 1]))
-        )
+    is_face, is_lintel = (behind == _SOLID) & (front != _SOLID), (behind == OPENING) & (front >= 0)
+    part = np.where(is_lintel, Part.LINTEL, np.where(front == OPENING, Part.JAMB, Part.FULL))
+    for line, j in np.argwhere(is_face | is_lintel):
+        of = (part[line, j], front[line, j], column_behind[line, j])
+        key = tuple(int(k) for k in (axis, facing, line + 1, *of))
+        runs.setdefault(key, []).append((float(along[j]), float(along[j + 1])))
 
 
 def _joined(intervals: list[tuple[float, float]]) -> list[tuple[float, float]]:
