@@ -7,6 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float, UInt8
 
+from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
@@ -99,8 +100,7 @@ def with_account(
     if ink.is_little_read:
         warnings += (
             f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
-            "compare the overlay (-o FILE.png) with the drawing, or give a picture of its walls with "
-            "--wall-mask",
+            f"{COMPARE}, or give a picture of its walls with --wall-mask",
         )
     return replace(
         plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)

@@ -17,7 +17,7 @@ from planfit.floorplan.plans_on_sheet import (
     storey_words,
     storeys_warning,
 )
-from planfit.floorplan.plausible import find_doubts
+from planfit.floorplan.plausible import COMPARE, find_doubts
 from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candidates, find_extent
 from planfit.floorplan.raster.choice import choose, find_walls_alone, with_paler_walls
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
@@ -351,14 +351,13 @@ def _warnings(
     is_given = interpretation.candidate.edge == "mask"
     if not is_given and interpretation.straight_share < STRAIGHT:
         result.append(
-            "much that looks like wall was left out, because its form is none: compare the overlay "
-            "(-o FILE.png) with the drawing"
+            f"much that looks like wall was left out, because its form is none: {COMPARE}"
         )
     unsure = [part.candidate.unsure_px for part in interpretation.parts]
     if any(unsure):
         result.append(
             f"strokes about {shrink * max(unsure):.0f} px thick may be walls, or leaves of doors and "
-            "furniture: compare the overlay (-o FILE.png) with the drawing"
+            f"furniture: {COMPARE}"
         )
     if abs(upright.skew_deg) >= 0.1:
         result.append(

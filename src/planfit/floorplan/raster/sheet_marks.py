@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.raster.picture import DARK
 
 _WIDE, _ALIKE = 0.08, 1.4
@@ -216,7 +217,7 @@ def photograph_words(image_bgr: UInt8[np.ndarray, "h w 3"]) -> str:
         return ""
     return (
         "the picture looks like a photograph: of a facade or a room it is no floorplan; of a sheet, crop it "
-        "to that, and compare the overlay (-o FILE.png) with the drawing"
+        f"to that, and {COMPARE}"
     )
 
 

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import connected_groups, in_blocks, line_strings, weighted_median
+from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.drawing import LIGHT, Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
 from planfit.floorplan.vector.line_work import cut_out, path_rings
@@ -296,8 +297,7 @@ def left_out_rooms(rooms: list[BaseGeometry], chosen: list[BaseGeometry]) -> str
         return ""
     return (
         f"{int(is_left.sum())} filled areas as large as rooms stand apart from the {len(chosen)} that were "
-        f"read as rooms, and were left out, {share:.0%} of both: compare the overlay (-o FILE.png) with the "
-        "drawing"
+        f"read as rooms, and were left out, {share:.0%} of both: {COMPARE}"
     )
 
 

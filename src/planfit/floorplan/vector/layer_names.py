@@ -14,6 +14,7 @@ import numpy as np
 
 from planfit.errors import FloorplanError
 from planfit.findings.plan_kinds import MAX_NAMED
+from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.line_work import Candidates, WallFaces
 from planfit.geometry import segments
@@ -295,7 +296,7 @@ def words_on_layers(
             called = "was chosen" if is_chosen else "is called wall"
             warnings.append(
                 f"layer {each.name!r} {called}, but of its {length(each.drawn)} of lines only "
-                f"{length(each.taken)} became faces: compare the overlay (-o FILE.png) with the drawing"
+                f"{length(each.taken)} became faces: {COMPARE}"
             )
     return tuple(dropped), tuple(warnings)
 

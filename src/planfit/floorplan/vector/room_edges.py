@@ -34,8 +34,8 @@ TOUCHING_WORDS = (
 LEAST_BETWEEN, DRAWN_SHARE = 0.02, 0.6
 """Of the drawing's size, edges between rooms that are looked at; of a wall, what of the edge is drawn."""
 WALLED_SHARE = 0.4
-"""Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms. Rooms
-that end at the faces of walls have next to none."""
+"""Of the outlines of rooms, what runs inside solid walls where walls are drawn over tints of the rooms: the
+middles of walls and, elsewhere, doors and windows. Rooms that end at the faces of walls have next to none."""
 WALLED_ALL_ROUND = 0.75
 """Of the outlines of rooms, what runs along the faces of solid walls where the rest is doors and windows."""
 
@@ -70,31 +70,11 @@ def boxed_rooms(lines: Lines, most: float, extent: float) -> list[BaseGeometry]:
     return list(rooms) if is_plan and (a == b).all() else []
 
 
-def are_tints(rooms: list[BaseGeometry], solid: BaseGeometry, extent: float) -> bool:
-    """Whether rooms are tints under solid walls, so that their edges are the middles of these and, elsewhere,
-    doors and windows.
-
-    Args:
-        rooms: filled or hatched areas.
-        solid: all solid walls.
-        extent: of the drawing.
-    """
+def edges_run_in(rooms: list[BaseGeometry], area: BaseGeometry, least_share: float) -> bool:
+    """Whether more than a share of the edges of rooms, by their length, runs in an area."""
     edges = shapely.boundary(np.array(rooms, dtype=object))
-    within = shapely.intersection(edges, shapely.buffer(solid, -1e-3 * extent))
-    return bool(shapely.length(within).sum() > WALLED_SHARE * shapely.length(edges).sum())
-
-
-def end_at_walls(rooms: list[BaseGeometry], walls: BaseGeometry) -> bool:
-    """Whether rooms end at the faces of solid walls all round, so that the rest of their edges is doors and
-    windows.
-
-    Args:
-        rooms: filled or hatched areas.
-        walls: all solid walls, grown a little.
-    """
-    edges = shapely.boundary(np.array(rooms, dtype=object))
-    along = shapely.length(shapely.intersection(edges, walls)).sum()
-    return bool(along > WALLED_ALL_ROUND * shapely.length(edges).sum())
+    inside = shapely.length(shapely.intersection(edges, area)).sum()
+    return bool(inside > least_share * shapely.length(edges).sum())
 
 
 def edges_of_rooms(
@@ -154,7 +134,7 @@ def around_rooms(
     """
     outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
     edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
-    if end_at_walls(rooms, walls):
+    if edges_run_in(rooms, walls, WALLED_ALL_ROUND):
         edges = outlines(list(shapely.intersection(line_strings(edges), walls)))
         edges = edges[segments.lengths(edges) > 3e-3 * extent]
     n = len(edges)

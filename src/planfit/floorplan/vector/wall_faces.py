@@ -15,9 +15,10 @@ from planfit.floorplan.vector.line_work import Candidates, WallFaces, cut_out, o
 from planfit.floorplan.vector.regions import faces_of_regions, without_seams
 from planfit.floorplan.vector.room_edges import (
     TOUCHING_WORDS,
-    are_tints,
+    WALLED_SHARE,
     around_rooms,
     bare_edges,
+    edges_run_in,
     walls_between_rooms,
 )
 from planfit.floorplan.vector.single_lines import (
@@ -80,7 +81,7 @@ def faces_of_all(
         solid = shapely.union_all(solids)
         if pieces.areas:
             solid = without_seams([*solids, *pieces.areas], 2e-4 * extent)
-        if rooms and are_tints(rooms, solid, extent):
+        if rooms and edges_run_in(rooms, shapely.buffer(solid, -1e-3 * extent), WALLED_SHARE):
             candidates = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
             rooms = []
         if pieces.areas:

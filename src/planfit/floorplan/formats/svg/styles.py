@@ -29,6 +29,7 @@ from planfit.floorplan.formats.svg.rules import (
     parse_rules,
     parse_selector,
 )
+from planfit.floorplan.plausible import COMPARE
 
 _INHERITED = {
     "fill", "stroke", "stroke-width", "stroke-opacity", "fill-opacity", "visibility", "color", "font-size",
@@ -227,7 +228,4 @@ def _words(unknown: Counter[str]) -> tuple[str, ...]:
         return ()
     named = list(unknown)[:3]
     more = f" and {len(unknown) - 3} more" if len(unknown) > 3 else ""
-    return (
-        f"styles that were not understood: {'; '.join(named)}{more}: compare the overlay (-o FILE.png) with "
-        "the drawing",
-    )
+    return (f"styles that were not understood: {'; '.join(named)}{more}: {COMPARE}",)
