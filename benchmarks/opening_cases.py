@@ -23,8 +23,7 @@ from planfit.synth import Building, SyntheticScan
 from planfit.synth.furniture import Footprint, Piece
 from planfit.synth.lookalikes import LEAF_THICKNESS_M
 from planfit.synth.mesh import make_lights, make_quads
-from planfit.synth.quads import WOOD_COLORS, Box, Material
-from planfit.synth.rect import Rect
+from planfit.synth.quads import WOOD_COLORS, Box, Material, Rect
 from planfit.synth.render import Renderer
 from planfit.synth.scan import SynthFiles
 

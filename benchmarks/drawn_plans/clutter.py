@@ -9,7 +9,7 @@ from drawn_plans.pen import Pen
 from planfit.synth.building import Building
 from planfit.synth.layout import Door
 from planfit.synth.options import OUTER_WALL_M
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 
 ROOM_NAMES = ("BEDROOM", "KITCHEN", "Bath", "LIVING ROOM", "Office 12", "Hall", "Store", "WC")
 

@@ -15,7 +15,7 @@ from drawn_plans.pen import Pen
 from planfit.geometry import segments
 from planfit.synth.building import Building
 from planfit.synth.options import OUTER_WALL_M
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 
 Style = Literal["black", "grey", "hatched", "double", "double filled", "poche"]
 

@@ -6,18 +6,18 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8, UInt16
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import OutputError
 from planfit.export.cloud import Cloud, place_cloud, write_ply
+from planfit.floorplan.faces import connected_groups
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.matching.verify import MAX_REPROJECTION_PX
 from planfit.runtime import Runtime
 from planfit.scan import Scan
 from planfit.scan.formats.colmap_model import ColmapCamera, ColmapImage, write_model
+from planfit.scan.images.files import write_image
 from planfit.scan.poses import from_opengl
 
 COLOR_FOLDER, DEPTH_FOLDER = "images", "depth"
@@ -154,11 +154,11 @@ def _write_images(folder: Path, scan: Scan, runtime: Runtime) -> None:
             return {}
         color = cv2.cvtColor(_color(scan, i), cv2.COLOR_RGB2BGR)
         quality = [cv2.IMWRITE_JPEG_QUALITY, 95]
-        _write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)
+        write_image(folder / COLOR_FOLDER / f"{name}.jpg", color, quality)
         millimetres = np.rint(np.nan_to_num(scan.files.depth(i), nan=0.0) * 1e3)
         # 65535 means no measurement in some programs.
         stored = np.where(millimetres < 65535, millimetres, 0).astype(np.uint16)
-        _write_image(folder / DEPTH_FOLDER / f"{name}.png", stored, [])
+        write_image(folder / DEPTH_FOLDER / f"{name}.png", stored, [])
         return {}
 
     Runtime(runtime.workers, None, runtime.on_progress).map("images", "", len(scan), one_frame)
@@ -172,15 +172,6 @@ def _color(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
             "COLMAP and nerfstudio need of each frame, found depth alone; export --to mesh or open3d"
         )
     return image
-
-
-def _write_image(
-    path: Path, image: UInt8[np.ndarray, "h w 3"] | UInt16[np.ndarray, "h w"], parameters: list[int]
-) -> None:
-    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
-    if not is_encoded:
-        raise OutputError(f"{path}: the image cannot be encoded")
-    path.write_bytes(data.tobytes())
 
 
 def observe(
@@ -227,9 +218,8 @@ def _tracks(
     points = np.concatenate([matches.points_a, matches.points_b]).astype(float)
     keys = np.column_stack([frames, np.rint(points / _SAME_KEYPOINT_M)]).astype(np.int64)
     _, first, keypoint = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    m, n = len(pair_of), len(first)
-    joined = coo_array((np.ones(m), (keypoint.ravel()[:m], keypoint.ravel()[m:])), shape=(n, n))
-    _, track = connected_components(joined, directed=False)
+    of_a, of_b = keypoint.reshape(2, -1)
+    track = connected_groups(of_a, of_b, len(first))
     return frames[first].astype(int), points[first], track.astype(int)
 
 

@@ -193,13 +193,12 @@ def _scans_inside(
         return []
     found = []
     for path in sorted(source.path.iterdir())[:LOOK_AT]:
+        kind = ""
         if path.is_dir():
             kind = _kind_of(FolderSource(path), layouts)
-            kind = kind or next((name for name, m in own.items() if m.claims(path)), "")
         elif path.suffix.lower() in (".zip", ".r3d"):
             kind = "archive"
-        else:
-            kind = next((name for name, m in own.items() if m.claims(path)), "")
+        kind = kind or next((name for name, m in own.items() if m.claims(path)), "")
         if kind:
             found.append((path, kind))
     return found

@@ -13,7 +13,7 @@ from planfit.synth.furniture import Piece, furnish, standing
 from planfit.synth.layout import BuildingLayout, make_layout, with_stairwell
 from planfit.synth.lookalikes import Poster, copy_room, leaves_of_layout, place_posters
 from planfit.synth.options import OUTER_WALL_M, BuildingOptions
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 from planfit.synth.walls import Part, WallFaces, wall_faces
 
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Shaped
 
 from planfit.errors import OptionError, OutputError
 from planfit.runtime import whole_folder
 from planfit.scan import write_tum
 from planfit.scan.formats.facap import MASKS
+from planfit.scan.images.files import write_image
 from planfit.scan.poses import write_pose
 from planfit.synth.building import facap_segments
 from planfit.synth.scan import SyntheticScan
@@ -87,10 +87,10 @@ def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:
     color = scan.files.color(frame_idx)
     if color is not None:
         color = cv2.cvtColor(color, cv2.COLOR_RGB2BGR)
-        _write_image(folder / f"frame-{name}.jpg", color, [cv2.IMWRITE_JPEG_QUALITY, 95])
+        write_image(folder / f"frame-{name}.jpg", color, [cv2.IMWRITE_JPEG_QUALITY, 95])
     depth = scan.files.depth(frame_idx)
     millimetres = np.where(np.isfinite(depth), np.rint(np.nan_to_num(depth) * 1e3), 0)
-    _write_image(folder / f"depth-{name}.png", np.clip(millimetres, 0, 65534).astype(np.uint16), [])
+    write_image(folder / f"depth-{name}.png", np.clip(millimetres, 0, 65534).astype(np.uint16), [])
     write_pose(folder / f"pose-{name}.txt", scan.world_from_cams[frame_idx])
     values = (camera.fx, camera.fy, camera.cx, camera.cy)
     (folder / f"cam_params-{name}.txt").write_text(
@@ -100,13 +100,4 @@ def _write_frame(path: Path, synthetic: SyntheticScan, frame_idx: int) -> None:
         labels = scan.files.labels(frame_idx)
         for kind, label in MASKS.items():
             mask = np.rot90(np.where(labels == label, 255, 0).astype(np.uint8), -1)
-            _write_image(path / "segmentation" / f"frame-{name}_{kind}.png", mask, [])
-
-
-def _write_image(
-    path: Path, image: Shaped[np.ndarray, "h w *channels"], parameters: list[int]
-) -> None:
-    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
-    if not is_encoded:
-        raise OutputError(f"{path}: the image cannot be encoded")
-    path.write_bytes(data.tobytes())
+            write_image(path / "segmentation" / f"frame-{name}_{kind}.png", mask, [])

@@ -22,9 +22,9 @@ from planfit.synth.quads import (
     Collector,
     Color,
     Material,
+    Rect,
     add_box,
 )
-from planfit.synth.rect import Rect
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from planfit.priors import SLAB_THICKNESS_M
 from planfit.synth.options import WALKWAY_M, BuildingOptions
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 from planfit.synth.stairs import Stairs, make_stairs
 
 

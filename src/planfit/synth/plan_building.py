@@ -22,7 +22,7 @@ from planfit.synth.plan_space import (
     make_cells,
 )
 from planfit.synth.plan_walls import MAX_WALL_M, PlanWalls, plan_walls
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 
 LARGE_ROOM_M2 = 5.0
 """A walk calls at rooms of this area or more; cupboards and shafts are left out."""

@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.priors import SLAB_THICKNESS_M, STAIR_WIDTH_M
-from planfit.synth.quads import METAL, WHITE, Box, Color, Material
-from planfit.synth.rect import Rect
+from planfit.synth.quads import METAL, WHITE, Box, Color, Material, Rect
 
 LANDING_M = 1.6
 """Depth of the landing that the door to the storey is on."""

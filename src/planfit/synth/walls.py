@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.synth.layout import BuildingLayout
-from planfit.synth.rect import Rect
+from planfit.synth.quads import Rect
 
 
 class Part(IntEnum):

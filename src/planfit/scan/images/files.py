@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Shaped, UInt8
 
-from planfit.errors import ScanError
+from planfit.errors import OutputError, ScanError
 from planfit.scan.images.decode import (
     decode_color,
     decode_depth,
@@ -132,6 +133,20 @@ def whole_image_size(source: ImageSource, name: str) -> Size:
             "copy it again from the source"
         )
     return size
+
+
+def write_image(
+    path: Path, image: Shaped[np.ndarray, "h w *channels"], parameters: list[int]
+) -> None:
+    """Write an image, BGR where it is of colour, in the form of the suffix, by OpenCV's `parameters`.
+
+    Raises:
+        OutputError: OpenCV cannot encode it.
+    """
+    is_encoded, data = cv2.imencode(path.suffix, image, parameters)
+    if not is_encoded:
+        raise OutputError(f"{path}: the image cannot be encoded")
+    path.write_bytes(data.tobytes())
 
 
 class PackedSource(ABC):
