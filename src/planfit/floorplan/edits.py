@@ -125,7 +125,7 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     kept = np.ones(len(floorplan), dtype=bool)
     kept[faces_at(floorplan, edits.drop, name)] = False
     plan = _taken(floorplan, np.flatnonzero(kept), floorplan.ends[kept])
-    if edits.keep and len(plan.ends):
+    if edits.keep:
         corners = [segments.moved(c, plan_from_rim) for c in edits.keep]
         plan = _within(
             plan, shapely.union_all([shapely.make_valid(shapely.Polygon(c)) for c in corners])
@@ -133,10 +133,6 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     n_added = 0 if edits.add is None else len(edits.add)
     if edits.add is not None and n_added:
         plan = _with_walls(plan, segments.moved(edits.add, plan_from_rim))
-    if len(plan.ends) == 0:
-        raise FloorplanError(
-            f"{name}: expected edits that leave a wall, found none left; keep more"
-        )
     gone = before - sum(segments.lengths(plan.ends)[: len(plan.ends) - n_added])
     unit = "m" if floorplan.is_metric else "units"
     words = f"{gone:.3g} {unit} of faces by {name}" + (f", which adds {n_added}" if n_added else "")

@@ -218,9 +218,7 @@ def find_openings(
     gaps = _gaps_px(ends, normals, thickness)
     if len(gaps) == 0:
         return np.zeros((0, 2, 2))
-    gap_ends = np.array([gap for gap, _, _ in gaps])
-    gap_normals = np.array([normal for _, normal, _ in gaps])
-    gap_thickness = np.array([thick for _, _, thick in gaps])
+    gap_ends, gap_normals, gap_thickness = map(np.array, zip(*gaps, strict=True))
     # The other face is no further than the wall is thick; and of two gaps that nearly cover each other,
     # turned by 8 degrees at most, no point lies further off than a fifth of the longer one.
     margin = 1.35 * gap_thickness + 0.25 * segments.lengths(gap_ends) + 3.0

@@ -79,11 +79,9 @@ def open_doors(
             n_doors += 1
         for i in np.flatnonzero(is_cut):
             cuts.setdefault(int(i), []).append((float(low[i]), float(high[i])))
-    opened = OpenedDoors(faces, np.zeros((0, 2, 2)), 0)
-    if cuts:
-        opened = cut_faces(faces, cuts, n_doors)
-    openings = np.concatenate([opened.openings, np.reshape(doorways, (-1, 2, 2))])
-    return replace(opened, openings=openings, n_doors=n_doors + len(doorways))
+    opened, openings = _cut_faces(faces, cuts)
+    openings = np.concatenate([openings, np.reshape(doorways, (-1, 2, 2))])
+    return OpenedDoors(opened, openings, n_doors + len(doorways))
 
 
 def _doorways(swing: DoorSwing, body: BaseGeometry) -> list[Float[np.ndarray, "2 2"]]:
@@ -120,15 +118,14 @@ def _share_in(body: BaseGeometry, points: Float[np.ndarray, "n 2"], near: float)
     return float(np.mean(shapely.dwithin(body, shapely.points(points), near)))
 
 
-def cut_faces(
-    faces: WallFaces, cuts: dict[int, list[tuple[float, float]]], n_doors: int
-) -> OpenedDoors:
-    """Faces without some parts of them.
+def _cut_faces(
+    faces: WallFaces, cuts: dict[int, list[tuple[float, float]]]
+) -> tuple[WallFaces, Float[np.ndarray, "k 2 2"]]:
+    """Faces without some parts of them, and these parts.
 
     Args:
         faces: of walls.
         cuts: of each face, by index, begin and end of every part, from its first end.
-        n_doors: how many doors these are.
     """
     whole = np.ones(len(faces.ends), dtype=bool)
     whole[list(cuts)] = False
@@ -149,28 +146,27 @@ def cut_faces(
     parts = faces.take(np.array(source, dtype=int))
     parts = replace(parts, ends=np.array(kept).reshape(-1, 2, 2))
     both = WallFaces.of_parts([faces.take(whole), parts])
-    return OpenedDoors(both, np.array(openings).reshape(-1, 2, 2), n_doors)
+    return both, np.array(openings).reshape(-1, 2, 2)
 
 
 def open_jambs(
     opened: OpenedDoors, lines: Float[np.ndarray, "n 2 2"], extent: float
-) -> OpenedDoors:
+) -> tuple[WallFaces, Float[np.ndarray, "k 2 2"]]:
     """Cut faces between pairs of jambs, as far apart as those of doors with swings, where most of these have
-    jambs. What was cut may be doors, windows or passages.
+    jambs; and what was cut, which may be doors, windows or passages.
 
     Args:
         opened: faces with the doors that have swings cut out.
         lines: straight ones of the drawing, in no rows.
         extent: of the drawing.
     """
-    none = OpenedDoors(opened.faces, np.zeros((0, 2, 2)), 0)
+    faces, none = opened.faces, np.zeros((0, 2, 2))
     if opened.n_doors < _LEAST_KNOWN or len(lines) == 0:
-        return none
+        return faces, none
     width = float(np.median(segments.lengths(opened.openings)))
-    jambs = _jambs(opened.faces, lines, 4e-4 * extent)
+    jambs = _jambs(faces, lines, 4e-4 * extent)
     if _share_with_jambs(opened.openings, jambs, _FRAME * width) < _WITH_JAMBS:
-        return none
-    faces = opened.faces
+        return faces, none
     ticks = shapely.STRtree(shapely.points(jambs.mean(axis=1)))
     cuts: dict[int, list[tuple[float, float]]] = {}
     strings, along = line_strings(faces.ends), segments.directions(faces.ends)
@@ -185,8 +181,7 @@ def open_jambs(
         gaps = _doors_between(at, width)
         if gaps:
             cuts[int(i)] = gaps
-    cuts = _through_walls(faces, cuts, _FRAME * width)
-    return cut_faces(faces, cuts, 0) if cuts else none
+    return _cut_faces(faces, _through_walls(faces, cuts, _FRAME * width))
 
 
 def _through_walls(

@@ -105,8 +105,8 @@ def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> Wal
     length = segments.lengths(rest.ends)
     is_long = length > 0.02 * extent
     own = np.flatnonzero(is_long & (rest.layer >= 0))
-    n_layers = int(candidates.layer.max()) + 1 if len(candidates) else 0
-    left = np.bincount(rest.layer[own], length[own], minlength=max(n_layers, 1))
+    n_layers = max(int(candidates.layer.max()) + 1, 1)
+    left = np.bincount(rest.layer[own], length[own], minlength=n_layers)
     on_line = faces.line >= 0
     of_face = candidates.layer[faces.line[on_line]]
     face_length = segments.lengths(faces.ends[on_line])

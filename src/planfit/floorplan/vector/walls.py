@@ -137,9 +137,8 @@ def walls_of_drawing(
     if n_curves := int((lines.is_curved & ~is_round).sum()):
         dropped.append(f"{n_curves} segments of curves (door arcs, symbols)")
     doors = _open_doors(faces, swings, metres_per_unit, bounds[1], extent)
-    others = open_jambs(doors, lines.ends[has_form], extent)
-    faces = others.faces
-    n_windows, n_others = len(windows.openings) // 2, len(others.openings) // 2
+    faces, between_jambs = open_jambs(doors, lines.ends[has_form], extent)
+    n_windows, n_others = len(windows.openings) // 2, len(between_jambs) // 2
     n_cut = len(opened.openings) // 2
     doors_are = _counted(doors.n_doors, "door")
     if doors.n_doors:
@@ -160,7 +159,7 @@ def walls_of_drawing(
         (*found.warnings, *filter(None, [apart_words]), *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
-        np.concatenate([windows.openings, doors.openings, others.openings, opened.openings]),
+        np.concatenate([windows.openings, doors.openings, between_jambs, opened.openings]),
         by_layer,
         tuple(
             filter(
@@ -171,7 +170,7 @@ def walls_of_drawing(
         found.shared_edges,
         opening_names=("window",) * len(windows.openings)
         + ("door",) * len(doors.openings)
-        + ("opening",) * (len(others.openings) + len(opened.openings)),
+        + ("opening",) * (len(between_jambs) + len(opened.openings)),
         are_rooms_touching=found.are_rooms_touching,
     )
 

@@ -73,16 +73,6 @@ class TopicMessages:
     """In the order of their times."""
     depths: list[Stamp]
 
-    @property
-    def color_times(self) -> Float[np.ndarray, " c"]:
-        """Of the headers, s."""
-        return np.array([stamp.time for stamp in self.colors])
-
-    @property
-    def depth_times(self) -> Float[np.ndarray, " d"]:
-        """Of the headers, s."""
-        return np.array([stamp.time for stamp in self.depths])
-
 
 class BagImages(StoredImages):
     """`StoredImages` of a bag, looked up by the time they were logged; safe to use from several threads.
@@ -218,7 +208,9 @@ def _pair(
     path: Path, listing: TopicMessages, max_gap_s: float
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Numbers of colour and of depth messages of each frame, -1 where it has none, and its time (s)."""
-    color_times, depth_times = listing.color_times, listing.depth_times
+    color_times, depth_times = (
+        np.array([stamp.time for stamp in stamps]) for stamps in (listing.colors, listing.depths)
+    )
     mine, depth, times = join_times(color_times, depth_times, max_gap_s)
     if not ((mine >= 0) & (depth >= 0)).any():
         raise ScanError(
