@@ -26,7 +26,6 @@ _BY_NAME = {"INSERT": "name", "DIMENSION": "geometry"}
 _BODIES = {"MESH", "3DSOLID", "BODY", "REGION", "SURFACE", "EXTRUDEDSURFACE", "LOFTEDSURFACE"}
 _FLAT = 1e-6
 """A face is upright where its area seen from above is less than this share of its box's diagonal squared."""
-_MOST_NAMED = FEW_NAMED
 
 
 @dataclass(frozen=True)
@@ -144,8 +143,8 @@ def _other_files(document: Document, space: Any) -> str:
     ]
     if not paths:
         return ""
-    more = f" and {len(paths) - _MOST_NAMED} more" if len(paths) > _MOST_NAMED else ""
-    listed = ", ".join(paths[:_MOST_NAMED]) + more
+    more = f" and {len(paths) - FEW_NAMED} more" if len(paths) > FEW_NAMED else ""
+    listed = ", ".join(paths[:FEW_NAMED]) + more
     count = "another file" if len(paths) == 1 else f"{len(paths)} other files"
     return (
         f"the drawing shows {count}, which is not in it and so not read ({listed}): bind it (XREF, Bind) "

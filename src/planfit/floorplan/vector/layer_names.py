@@ -129,7 +129,6 @@ _SFB_WALLS = {"16", "17", "21", "22", "28"}
 """Of SfB, table 1, and NL-SfB: foundations, external and internal walls, frames."""
 _SFB_OPENINGS = {"31", "32"}
 _SFB = re.compile(r"(?:^|[-_ (])(?P<code>[1-9]\d)(?![\d])")
-MOST_NAMED = MAX_NAMED
 LITTLE = 0.3
 """A layer that is called wall and of which less became faces is questioned."""
 
@@ -272,10 +271,10 @@ def words_on_layers(
     def listed(left: list[tuple[LayerLength, float]]) -> str:
         left = sorted(left, key=lambda pair: -pair[1])
         words = [
-            f"{each.name or 'no layer'} ({length(amount)})" for each, amount in left[:MOST_NAMED]
+            f"{each.name or 'no layer'} ({length(amount)})" for each, amount in left[:MAX_NAMED]
         ]
         return ", ".join(words) + (
-            f" and {len(left) - MOST_NAMED} more" if len(left) > MOST_NAMED else ""
+            f" and {len(left) - MAX_NAMED} more" if len(left) > MAX_NAMED else ""
         )
 
     dropped, warnings = [], []
