@@ -22,6 +22,9 @@ MOST_CALLS = 40
 _calls: Counter[str] = Counter()
 _let_go: list[Any] = []
 """Functions that were called so often in this test."""
+unchecked: list[Callable[..., Any]] = []
+"""Functions whose check may not be made yet: it is made at the first call, since those of all functions that
+are imported take seven seconds of each process, and most are never called. `make_checks` makes the rest."""
 
 _check = beartype(
     conf=BeartypeConf(
@@ -43,16 +46,20 @@ def typechecked(function: Callable[..., Any]) -> Callable[..., Any]:
         return function
     if "<locals>" in function.__qualname__:
         return function
-    checked = _check(function)
     name = f"{function.__module__}.{function.__qualname__}"
+    checked: Callable[..., Any] | None = None
 
     @functools.wraps(function)
     def counted(*args: Any, **kwargs: Any) -> Any:
+        nonlocal checked
+        if checked is None:
+            checked = _check(function)
         _calls[name] += 1
         if _calls[name] == 2 * MOST_CALLS:  # its arguments, and again with what it returns
             _let_go_of(function)
         return checked(*args, **kwargs)
 
+    unchecked.append(function)
     return counted
 
 
@@ -64,6 +71,12 @@ def _let_go_of(function: Callable[..., Any]) -> None:
     if isinstance(found, FunctionType):  # not where another decorator lies around it
         found.__no_type_check__ = True
         _let_go.append(found)
+
+
+def make_checks() -> None:
+    """Of the functions that were imported: an annotation that cannot be checked raises."""
+    while unchecked:
+        _check(unchecked.pop())
 
 
 def begin_test() -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from beartype.roar import BeartypeDecorHintNonpepException
 from jaxtyping import TypeCheckError
 
 import shape_checks
@@ -24,3 +25,15 @@ def test_the_first_calls_of_each_test_are_checked():
     shape_checks.begin_test()
     with pytest.raises(TypeCheckError):
         segments.lengths(FLAT[None])
+
+
+def test_each_annotation_can_be_checked():
+    """Of functions that no test calls, too, in all modules that the tests of this run have imported."""
+    shape_checks.make_checks()
+    assert not shape_checks.unchecked
+
+    def broken(x: 3) -> None: ...
+
+    shape_checks.unchecked.append(broken)
+    with pytest.raises(BeartypeDecorHintNonpepException):
+        shape_checks.make_checks()

@@ -92,7 +92,7 @@ def refine_hypothesis(
     """
     steps = steps or RefineSteps()
     yaw, scale = start.yaw, np.array(start.scale_xy)
-    centre = walls.middle
+    centre, worth = walls.middle, walls.worth
     middle = rotation_2d(yaw) @ centre + start.translation
     hessian, mad_sigma_m = np.zeros((5, 5)), 0.0
     for max_distance_m in steps.distances_m:
@@ -112,7 +112,7 @@ def refine_hypothesis(
             break
         normal, residual = face_normals[face[ok]], distance[ok]
         jacobian = _jacobian(lever[ok], normal, residual) @ free_columns(steps.n_scales)
-        weight = walls.worth[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
+        weight = worth[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
         hessian = jacobian.T @ (jacobian * weight[:, None])
         damping = 1e-6 * weight.sum() * np.eye(len(hessian))
         step = np.linalg.solve(hessian + damping, -jacobian.T @ (weight * residual))
@@ -201,8 +201,8 @@ def differences(
     """
     both = [*hypotheses, reference]
     yaw = np.array([each.yaw for each in both])
-    log_scale = np.log([each.metres_per_unit for each in both])
     scale_xy = np.array([each.scale_xy for each in both])
+    log_scale = np.log(np.sqrt(scale_xy[:, 0] * scale_xy[:, 1]))  # of `metres_per_unit`
     c, s = np.cos(yaw), np.sin(yaw)
     rotations = np.array([[c, -s], [s, c]]).transpose(2, 0, 1)  # (h + 1, 2, 2)
     on_plan = rotations @ middle_level + np.array([each.translation for each in both])
