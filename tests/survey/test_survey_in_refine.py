@@ -71,6 +71,11 @@ def test_drift_that_no_loop_closes_is_taken_out(corridor, by_walls, by_control):
     assert not any("ambiguous" in words for words in by_control.warnings)
 
 
+def test_without_a_survey_nothing_is_left_out(by_walls, by_control):
+    assert by_walls.evidence.left_out == ()
+    assert len(by_control.evidence.left_out) == len(range(0, N, 6))
+
+
 def test_points_seen_between_keyframes_count_as_well(corridor):
     """Frames that are not solved for show all control points: the keyframes about them carry these."""
     plan, truth, scan, seen = corridor
