@@ -1,11 +1,14 @@
-"""A small synthetic scan on disk, made once, and copies of it to spoil."""
+"""A small synthetic scan on disk and a run of it, made once for all processes, and copies to spoil."""
 
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
+from planfit.cli import run
 from planfit.synth import (
     BuildingOptions,
     CameraOptions,
@@ -25,19 +28,50 @@ SMALL = SynthOptions(
 )
 
 
+def made_once(
+    tmp_path_factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]
+) -> Path:
+    """A folder that the first process to ask for it makes, and that all others wait for."""
+    root = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        root = root.parent  # of the folders of all workers
+    folder, is_made = root / f"shared-{name}", root / f"shared-{name}.made"
+    with FileLock(root / f"shared-{name}.lock"):
+        if not is_made.exists():
+            shutil.rmtree(folder, ignore_errors=True)  # of one that failed
+            folder.mkdir()
+            make(folder)
+            is_made.touch()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def small_scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Folder of a drifted scan of two rooms, with masks, plan and truth. Do not change it."""
-    folder = tmp_path_factory.mktemp("synthetic") / "scan"
-    write_facap(folder, make_scan(SMALL))
-    return folder
+    synthetic = made_once(
+        tmp_path_factory,
+        "synthetic",
+        lambda folder: write_facap(folder / "scan", make_scan(SMALL)),
+    )
+    return synthetic / "scan"
 
 
 @pytest.fixture(scope="session")
 def brief(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Flags of a run whose report nothing is asked of: a third of the time is its 3D view, and another what
     the images show, which one run of a scan finds for all."""
-    return ["--cache", str(tmp_path_factory.mktemp("cache")), "--report.no-has-view"]
+    cache = made_once(tmp_path_factory, "cache", lambda _: None)
+    return ["--cache", str(cache), "--report.no-has-view"]
+
+
+@pytest.fixture(scope="session")
+def fitted(small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of a run of the scan with its plan, without a cache of its own. Do not change it."""
+
+    def make(folder: Path) -> None:
+        assert run(["refine", str(small_scan), "-o", str(folder / "out"), *brief]) == 0
+
+    return made_once(tmp_path_factory, "fitted", make) / "out"
 
 
 @pytest.fixture

@@ -16,12 +16,10 @@ FEW = ("--map.frame-step", "4")
 
 @pytest.fixture(scope="module")
 def runs(
-    small_scan: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory
+    small_scan: Path, fitted: Path, brief: list[str], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Path]:
     """A run with the plan, and one without it that begins with its cache."""
-    folder = tmp_path_factory.mktemp("runs")
-    fitted, alone = folder / "fitted", folder / "alone"
-    assert run(["refine", str(small_scan), "-o", str(fitted), *brief]) == 0
+    alone = tmp_path_factory.mktemp("runs") / "alone"
     assert run(["refine", str(small_scan), "--no-plan", "-o", str(alone), *brief]) == 0
     return fitted, alone
 

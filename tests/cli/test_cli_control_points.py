@@ -43,15 +43,18 @@ def test_points_in_the_axes_of_the_plan_are_taken(
     assert record["metres_per_unit"] == 1.0
 
 
-def test_refine_takes_points_and_a_candidate(small_scan: Path, tmp_path: Path, capsys) -> None:
+def test_refine_takes_points_and_a_candidate(
+    small_scan: Path, tmp_path: Path, brief: list[str], capsys
+) -> None:
     (world, plan), _ = true_points(small_scan)
     out = tmp_path / "out"
     far = words(world, plan + 500.0)
-    assert run(["refine", str(small_scan), "-o", str(out), "--pin", far]) == 2
+    words_of_run = ["refine", str(small_scan), "-o", str(out), *brief]
+    assert run([*words_of_run, "--pin", far]) == 2
     assert "expected points on the plan, which spans" in capsys.readouterr().err
-    assert run(["refine", str(small_scan), "-o", str(out), "--candidate", "99"]) == 2
+    assert run([*words_of_run, "--candidate", "99"]) == 2
     assert "align.candidate: expected 1 to" in capsys.readouterr().err
-    assert run(["refine", str(small_scan), "-o", str(out), "--no-plan", "--candidate", "2"]) == 2
+    assert run([*words_of_run, "--no-plan", "--candidate", "2"]) == 2
     assert "--no-plan: expected no flags of a plan" in capsys.readouterr().err
 
 

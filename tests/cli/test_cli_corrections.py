@@ -32,7 +32,7 @@ def refine(scan: Path, out: Path, *flags: str) -> int:
 
 
 @pytest.fixture(scope="module")
-def corrected(small_scan: Path, tmp_path_factory) -> tuple[Path, Path]:
+def corrected(small_scan: Path, brief: list[str], tmp_path_factory) -> tuple[Path, Path]:
     """A run with a correction of each kind, and their file."""
     folder = tmp_path_factory.mktemp("corrected")
     path, out = folder / "hand.toml", folder / "out"
@@ -46,7 +46,7 @@ def corrected(small_scan: Path, tmp_path_factory) -> tuple[Path, Path]:
     lines += ["[[exclude_wall]]", f"ends = {faces[short[1]].tolist()}"]
     lines += ["[[draw_wall]]", "ends = [[0.5, 0.4], [0.9, 0.4]]"]
     path.write_text("\n".join(lines))
-    assert refine(small_scan, out, "--corrections", str(path)) in (0, 1)
+    assert refine(small_scan, out, "--corrections", str(path), *brief[:2]) in (0, 1)
     return path, out
 
 
@@ -257,12 +257,12 @@ def test_no_browser_keeps_the_page_from_being_served(
     ],
 )
 def test_bad_corrections_are_refused_in_one_line(
-    small_scan: Path, corrected, tmp_path: Path, capsys, text: str, words: str
+    small_scan: Path, brief: list[str], tmp_path: Path, capsys, text: str, words: str
 ) -> None:
     path, out = tmp_path / "hand.toml", tmp_path / "out"
     path.write_text(text)
-    cache = corrected[1] / "cache"  # places are refused once loops are closed
-    assert refine(small_scan, out, "--corrections", str(path), "--cache", str(cache)) == 2
+    # Places are refused once loops are closed.
+    assert refine(small_scan, out, "--corrections", str(path), *brief[:2]) == 2
     said = capsys.readouterr().err.strip().splitlines()
     (line,) = [one for one in said if one.startswith("planfit:")]
     assert str(path) in line

@@ -74,7 +74,8 @@ def test_a_plan_that_may_not_be_rescaled_is_taken_as_drawn_and_named(
     said = "".join(capsys.readouterr())  # lines of a screen are broken anywhere
     said = "".join(said.split()).replace("-", "")
     assert "align.metricscaletolerance0.12" in said
-    assert run(["align", str(scan), str(scan / "floorplan.npy"), "-o", str(tmp_path / "a")]) == 1
+    words = ["align", str(scan), str(scan / "floorplan.npy"), "-o", str(tmp_path / "a")]
+    assert run([*words, *brief[:2]]) == 1
     alignment = json.loads((tmp_path / "a" / "alignment.json").read_text())
     assert alignment["other_scale"]["metres_per_unit"] == pytest.approx(1 / TOO_LARGE, rel=0.01)
 
