@@ -1,9 +1,11 @@
 """Walls out of pictures: styles, clutter, options, and pictures that are no plans."""
 
+import functools
 import os
 import subprocess
 import sys
 import zlib
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from drawn_plans.drawing import STYLES, DrawingOptions, PlanPicture, draw_buildi
 from numpy.testing import assert_allclose
 
 from planfit.errors import FloorplanError
-from planfit.floorplan import PlanOptions, nearest_faces, read_floorplan
+from planfit.floorplan import Floorplan, PlanOptions, nearest_faces, read_floorplan
 from planfit.floorplan.gaps import find_openings
 from planfit.floorplan.plans_on_sheet import find_storeys
 from planfit.floorplan.raster.line_work import opened
@@ -36,6 +38,18 @@ def drawn(seed: int = 3, n_rooms: int = 4, **options: object) -> PlanPicture:
     rng = np.random.default_rng(seed)
     building = make_building(BuildingOptions(n_rooms=n_rooms), rng)
     return draw_building(building, replace(DrawingOptions(pixels_per_metre=55), **options), rng)
+
+
+@pytest.fixture(scope="module")
+def plan_of(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Floorplan]:
+    """What is read of `drawn(...)` as a PNG: each once, for several tests look at the same one."""
+    path = tmp_path_factory.mktemp("drawn") / "plan.png"
+
+    @functools.cache
+    def read(*given: int, **options: object) -> Floorplan:
+        return read_floorplan(saved(path, drawn(*given, **options).image))
+
+    return read
 
 
 def saved(path: Path, image: np.ndarray) -> Path:
@@ -63,10 +77,9 @@ def scores(plan, drawing):
 
 
 @pytest.mark.parametrize("style", STYLES)
-def test_each_style_is_read(tmp_path: Path, style: str) -> None:
-    drawing = drawn(style=style)
-    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
-    precision, recall = scores(plan, drawing)
+def test_each_style_is_read(plan_of: Callable[..., Floorplan], style: str) -> None:
+    plan = plan_of(style=style)
+    precision, recall = scores(plan, drawn(style=style))
     assert precision > 0.94
     assert recall > 0.94
     assert plan.is_oriented.all()
@@ -75,7 +88,7 @@ def test_each_style_is_read(tmp_path: Path, style: str) -> None:
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff"])
 def test_formats(tmp_path: Path, suffix: str) -> None:
-    drawing = drawn(n_rooms=2)
+    drawing = drawn(n_rooms=1)
     precision, recall = scores(
         read_floorplan(saved(tmp_path / f"plan{suffix}", drawing.image)), drawing
     )
@@ -118,13 +131,12 @@ def test_hatching_longer_than_the_outlines_of_walls(
     {"is_cluttered": True, "skew_deg": 3.2, "noise": 4.0, "jpeg_quality": 70},
 ])  # fmt: skip
 def test_hatching_tells_walls_from_windows_words_and_furniture(
-    tmp_path: Path, change: dict
+    plan_of: Callable[..., Floorplan], change: dict
 ) -> None:
     # The strip inside an outlined hatched wall was itself taken for the gap behind furniture.
-    drawing = drawn(style="hatched", **change)
-    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+    plan = plan_of(style="hatched", **change)
     assert "hatched" in plan.source.kind
-    precision, recall = scores(plan, drawing)
+    precision, recall = scores(plan, drawn(style="hatched", **change))
     assert precision > 0.93
     assert recall > 0.95
 
@@ -236,9 +248,8 @@ def test_closed_outlines_tell_walls_from_windows_doors_and_furniture(
     assert recall > 0.93
 
 
-def test_faces_lie_at_fractions_of_a_pixel(tmp_path: Path) -> None:
-    drawing = drawn()
-    plan = read_floorplan(saved(tmp_path / "plan.png", drawing.image))
+def test_faces_lie_at_fractions_of_a_pixel(plan_of: Callable[..., Floorplan]) -> None:
+    drawing, plan = drawn(style="black"), plan_of(style="black")
     points, _ = segments.sample(plan.ends * MIRROR, 1.0)
     distance = nearest_faces.nearest_distance(points, np.ascontiguousarray(drawing.ends_uv))
     assert np.median(distance) < 0.3
@@ -263,9 +274,19 @@ def test_a_gap_in_one_face_alone_is_no_opening() -> None:
     assert len(find_openings(ends, normals, np.full(3, 10.0))) == 0
 
 
-def test_scale_makes_it_metric(tmp_path: Path) -> None:
+def lies_in_the_picture(plan: Floorplan) -> bool:
+    points = np.concatenate([plan.ends[:, 0], np.ones((len(plan), 1))], axis=1)
+    uv = (points @ plan.source.file_from_plan.T)[:, :2]
+    return bool((uv > 0).all() and (uv < 1000).all())
+
+
+def test_scale_makes_it_metric_and_leads_to_pixels(
+    plan_of: Callable[..., Floorplan], tmp_path: Path
+) -> None:
     path = saved(tmp_path / "plan.png", drawn(n_rooms=1).image)
-    plan, scaled = read_floorplan(path), read_floorplan(path, PlanOptions(metres_per_unit=1 / 55))
+    plan, scaled = plan_of(n_rooms=1), read_floorplan(path, PlanOptions(metres_per_unit=1 / 55))
+    assert lies_in_the_picture(plan)
+    assert lies_in_the_picture(scaled)
     assert scaled.is_metric
     assert "--scale" in plan.source.unit_from
     assert scaled.source.unit_from == "--scale"
@@ -273,16 +294,6 @@ def test_scale_makes_it_metric(tmp_path: Path) -> None:
     assert_allclose(scaled.thickness, plan.thickness / 55)
     with pytest.raises(FloorplanError, match="--scale"):
         read_floorplan(path, PlanOptions(metres_per_unit=100.0))
-
-
-def test_file_from_plan_leads_to_pixels(tmp_path: Path) -> None:
-    path = saved(tmp_path / "plan.png", drawn(n_rooms=1).image)
-    for options in (PlanOptions(), PlanOptions(metres_per_unit=0.02)):
-        plan = read_floorplan(path, options)
-        points = np.concatenate([plan.ends[:, 0], np.ones((len(plan), 1))], axis=1)
-        uv = (points @ plan.source.file_from_plan.T)[:, :2]
-        assert (uv > 0).all()
-        assert (uv < 1000).all()
 
 
 @pytest.mark.slow
