@@ -340,3 +340,31 @@ def twin_nearest(xy, floorplan, is_allowed):
     face = distance.argmin(axis=1)
     rows = np.arange(len(xy))
     return face, points[rows, face], distance[rows, face]
+
+
+@dataclass(frozen=True)
+class KeptFiles:
+    """Images rendered once for all tests."""
+
+    colors: list
+    depths: list
+    label_images: list
+
+    def color(self, i):
+        return self.colors[i]
+
+    def depth(self, i):
+        return self.depths[i]
+
+    def labels(self, i):
+        return self.label_images[i]
+
+    def write_poses(self, directory, world_from_cams, frame_idx=None):
+        raise NotImplementedError
+
+
+def keep_images(scan):
+    """The scan with its images in memory: a synthetic one renders each whenever it is asked for."""
+    files, n = scan.files, range(len(scan))
+    kept = KeptFiles(*([read(i) for i in n] for read in (files.color, files.depth, files.labels)))
+    return replace(scan, files=kept)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
+from builders import keep_images
 from planfit.adjust import AdjustOptions
 from planfit.adjust.options import TermOptions
 from planfit.alignment import AlignOptions
@@ -61,33 +62,6 @@ class Subset:
         raise NotImplementedError
 
 
-@dataclass(frozen=True)
-class Kept:
-    """Images rendered once for all tests."""
-
-    colors: list
-    depths: list
-    label_images: list
-
-    def color(self, i):
-        return self.colors[i]
-
-    def depth(self, i):
-        return self.depths[i]
-
-    def labels(self, i):
-        return self.label_images[i]
-
-    def write_poses(self, directory, world_from_cams):
-        raise NotImplementedError
-
-
-def keep_images(synthetic: SyntheticScan) -> SyntheticScan:
-    files, n = synthetic.scan.files, range(len(synthetic.scan))
-    kept = Kept(*([read(i) for i in n] for read in (files.color, files.depth, files.labels)))
-    return dataclasses.replace(synthetic, scan=dataclasses.replace(synthetic.scan, files=kept))
-
-
 def subset(scan: Scan, frames: np.ndarray, hidden: tuple[Label, ...] = ()) -> Scan:
     return dataclasses.replace(
         scan,
@@ -101,7 +75,8 @@ def subset(scan: Scan, frames: np.ndarray, hidden: tuple[Label, ...] = ()) -> Sc
 
 @pytest.fixture(scope="module")
 def synthetic() -> SyntheticScan:
-    return keep_images(make_scan(BASE))
+    made = make_scan(BASE)
+    return dataclasses.replace(made, scan=keep_images(made.scan))
 
 
 @pytest.fixture(scope="module")
@@ -277,7 +252,7 @@ def test_plan_of_another_building_is_warned_of(seed, synthetic, runtime):
 
 
 def test_mask_back_end_without_masks_is_an_error(synthetic):
-    bare = dataclasses.replace(synthetic.scan, has_labels=False)
+    bare = dataclasses.replace(subset(synthetic.scan, np.arange(10)), has_labels=False)
     options = planfit.RefineOptions(segmentation=SegmentationOptions(back_end="masks"))
     with pytest.raises(planfit.errors.ScanError, match="masks"):
         planfit.refine(bare, synthetic.floorplan, options)

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planfit
-from builders import look, make_structure, room_plan
+from builders import keep_images, look, make_structure, room_plan
 from planfit.adjust.association import AssociationOptions, associate
 from planfit.cli.main import run
 from planfit.cli.refine_inputs import read_plans
@@ -43,7 +43,8 @@ RISE_M = 2.9
 
 @pytest.fixture(scope="module")
 def synthetic():
-    return make_scan(OPTIONS)
+    made = make_scan(OPTIONS)
+    return replace(made, scan=keep_images(made.scan))
 
 
 @pytest.fixture(scope="module")

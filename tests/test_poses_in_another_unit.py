@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import planfit
-from builders import look, room_scan
+from builders import keep_images, look, room_scan
 from planfit.errors import ScanError
 from planfit.evaluation import position_errors
 from planfit.export.cloud import read_ply_points
@@ -27,7 +27,7 @@ FACTOR = 1.5
 
 @pytest.fixture(scope="module")
 def truth():
-    return synthesise(
+    made = synthesise(
         SynthOptions(
             seed=5,
             building=BuildingOptions(n_rooms=3),
@@ -36,6 +36,7 @@ def truth():
             drift=DriftOptions(yaw_deg=0.5, translation_m=0.03),
         )
     )
+    return replace(made, scan=keep_images(made.scan))
 
 
 @dataclass(frozen=True)
