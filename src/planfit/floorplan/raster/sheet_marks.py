@@ -124,15 +124,21 @@ def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"
     # Specks outside do not matter.
     is_mark = stats[:, 4] > 1e-4 * size[0] * size[1]
     is_mark[0] = False
-    result = darkness
+    # What is further off belongs to no wall of a line, and words are smaller.
+    result, far = darkness, 0.3 * size
     from_inside = np.flatnonzero(is_all_round)[np.argsort(stats[is_all_round, 2])]
     for k, label in enumerate(from_inside):
         is_mark[from_inside[k:]] = False
         box, rest = stats[label], stats[is_mark]
-        if len(rest) == 0 or box[4] > rest[:, 4].sum():
-            continue
         part = slice(box[1], box[1] + box[3]), slice(box[0], box[0] + box[2])
         mask = labels == label
+        is_large = is_mark & np.asarray((stats[:, 2:4] > far).all(axis=1))
+        # Lines of thin walls have less ink than a frame.
+        has_less = len(rest) == 0 or box[4] > rest[:, 4].sum()
+        if has_less and (
+            _has_middle(mask[part]) or not _has_walls(is_large[labels[part]], far.max())
+        ):
+            continue
         is_around = (rest[:, :2] >= box[:2]).all() and (
             rest[:, :2] + rest[:, 2:4] <= box[:2] + box[2:4]
         ).all()
@@ -141,7 +147,7 @@ def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"
         is_frame = (
             is_around and _has_four_sides(mask[part]) and not (is_inner and _has_middle(mask[part]))
         )
-        if is_frame and not _is_outline(within, 0.3 * float(size.max())):
+        if is_frame and not _is_outline(within, far.max()):
             blank = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
             result = np.where(blank, np.float32(0.0), result)
         else:
@@ -155,10 +161,31 @@ def _has_middle(mask: Bool[np.ndarray, "h w"]) -> bool:
     return bool(mask[v : h - v, u : w - u].any())
 
 
+def _from_all_sides(inside: Bool[np.ndarray, "h w"]) -> tuple[Bool[np.ndarray, "r c"], ...]:
+    """A picture turned so that each of its sides is the first row once."""
+    return inside, inside[::-1], inside.T, inside.T[::-1]
+
+
+def _has_walls(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
+    """Whether what is seen first from a closed line are strokes nearer to one another than to that line, as
+    the two of a wall are. Behind the outer line of a wall its inner one follows, and then a room."""
+    gaps = []
+    for turned in _from_all_sides(inside):
+        begins = turned.copy()
+        begins[1:] &= ~turned[:-1]
+        n_strokes = np.cumsum(begins, axis=0, dtype=np.int32)
+        first, second = (np.argmax(n_strokes == n, axis=0) for n in (1, 2))
+        is_near = turned.any(axis=0) & (first < far)
+        second = np.where(n_strokes[-1] > 1, second, len(turned))
+        gaps.append(np.stack([first, second - first])[:, is_near])
+    to_line, between = np.concatenate(gaps, axis=1)
+    return int((between < to_line).sum()) > len(to_line) / 2
+
+
 def _is_outline(inside: Bool[np.ndarray, "h w"], far: float) -> bool:
     """Whether what is inside a closed line keeps the distance of a wall to it on all sides."""
     gaps = []
-    for turned in (inside, inside[::-1], inside.T, inside.T[::-1]):
+    for turned in _from_all_sides(inside):
         first = np.argmax(turned, axis=0)[turned.any(axis=0)]
         first = first[first < far]
         gaps.append(float(np.median(first)) if len(first) else far)
