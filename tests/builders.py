@@ -346,6 +346,7 @@ def twin_nearest(xy, floorplan, is_allowed):
 class KeptFiles:
     """Images rendered once for all tests."""
 
+    rendered: object
     colors: list
     depths: list
     label_images: list
@@ -360,11 +361,13 @@ class KeptFiles:
         return self.label_images[i]
 
     def write_poses(self, directory, world_from_cams, frame_idx=None):
-        raise NotImplementedError
+        self.rendered.write_poses(directory, world_from_cams, frame_idx)
 
 
 def keep_images(scan):
     """The scan with its images in memory: a synthetic one renders each whenever it is asked for."""
     files, n = scan.files, range(len(scan))
-    kept = KeptFiles(*([read(i) for i in n] for read in (files.color, files.depth, files.labels)))
+    kept = KeptFiles(
+        files, *([read(i) for i in n] for read in (files.color, files.depth, files.labels))
+    )
     return replace(scan, files=kept)
