@@ -70,6 +70,8 @@ def quantity(value: float, unit: str, spec: str, space: str = " ") -> str:
 
 def share_reached(share: float) -> str:
     """A share in whole per cent, rounded down: 94.9 % does not reach the 95 % that was asked for."""
+    if math.isnan(share):
+        return "an unknown share"
     return f"{math.floor(100 * share + 1e-9)}%"
 
 

@@ -102,7 +102,10 @@ def test_of_many_moved_walls_the_first_are_named(n_walls):
 
 @pytest.mark.parametrize(
     ("share", "told"),
-    [(0.947, "94%"), (0.9499, "94%"), (0.95, "95%"), (1.0, "100%"), (0.29, "29%")],
+    [
+        *((0.947, "94%"), (0.9499, "94%"), (0.95, "95%"), (1.0, "100%"), (0.29, "29%")),
+        (np.nan, "an unknown share"),
+    ],
 )
 def test_a_share_that_a_limit_is_asked_of_is_never_rounded_up_to_it(share, told):
     facts = {"predicted_rms_m": 0.2, "within_share": share, "tolerance_m": 0.15}
