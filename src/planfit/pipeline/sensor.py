@@ -91,8 +91,8 @@ def sensor_findings(rows: Sequence[SensorParameter]) -> tuple[Finding, ...]:
     if not refused:
         return ()
     of_depth = {row.key.startswith("depth") for row in refused}
-    facts = {"is_of_depth": True in of_depth, "is_of_lens": False in of_depth}
-    facts["p_sensor"] = refused[0].p_sensor
+    facts = {"p_sensor": refused[0].p_sensor}
+    facts |= {"is_of_depth": True in of_depth, "is_of_lens": False in of_depth}
     asked = tuple(_finding(ScanKind.PARAMETER_IMPLAUSIBLE, row) for row in refused)
     return (Finding(ScanKind.SENSOR_IMPLAUSIBLE, facts, parts=asked),)
 
