@@ -12,7 +12,7 @@ from planfit.geometry.calibration import NOMINAL
 from planfit.pipeline.sensor import sensor_findings, sensor_parameters
 
 
-def found(implausible=(), p_sensor=0.0, **departures):
+def found(implausible=(), p_sensor=None, **departures):
     """A calibration that departs by these (departure, sigma), kept unless it is implausible."""
     departs, sigmas, is_kept = np.zeros(9), np.zeros(9), np.zeros(9, dtype=bool)
     for name, (departure, sigma) in departures.items():

@@ -68,17 +68,12 @@ def moved(survey, k, by_m):
     return with_point(survey, k, xyz=survey.points[k].xyz + np.array(by_m))
 
 
-@pytest.mark.parametrize(
-    ("wrong_by_m", "left_out_too"),
-    [((0.0, 0.0, 0.0), (0, 3, 5)), ((0.06, 0.0, 0.0), (2, 4)), ((0.0, 0.2, 0.1), (1, 2))],
-)
-def test_each_residual_is_that_of_a_solve_without_the_point(walk, wrong_by_m, left_out_too):
-    """Of a right survey and of two with a wrong point: that one, and each other point once."""
+@pytest.mark.parametrize("wrong_by_m", [(0.0, 0.0, 0.0), (0.06, 0.0, 0.0), (0.0, 0.2, 0.1)])
+def test_each_residual_is_that_of_a_solve_without_the_point(walk, wrong_by_m):
     survey = moved(walk[3], 2, wrong_by_m)
     points = refined(walk, survey).survey.points
-    for k in left_out_too:
-        assert_allclose(points[k].left_out_m, by_a_solve(walk, survey, k), atol=0.002)
-    for point in points:
+    for k, point in enumerate(points):
+        assert_allclose(point.left_out_m, by_a_solve(walk, survey, k), atol=0.002)
         assert point.left_out_length_m > point.length_m  # the fit is always nearer
 
 

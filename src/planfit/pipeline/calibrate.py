@@ -259,7 +259,7 @@ def shared_error(
         follow[:, 3:5, PLAN] -= unknowns[:, :2, 3]
     # What the evidence asks for and was not kept may be right: its square adds to the variance. So does that
     # by which no sensor should be off, as far as it may be the sensor's.
-    p_sensor = calibration.p_sensor if calibration.implausible else 1.0
+    p_sensor = (calibration.p_sensor or 0.0) if calibration.implausible else 1.0
     unkept = p_sensor * np.outer(step.change, step.change)
     return SharedError(step.covariance + unkept, follow)
 

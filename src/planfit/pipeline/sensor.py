@@ -58,12 +58,12 @@ class SensorParameter:
 
 def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorParameter, ...]:
     """All parameters of a calibration in their order; `camera` is the scan's first one, as recorded."""
-    is_weighed = not any(name.startswith("depth") for name in calibration.implausible)
     rows = []
     for key, nominal in zip(PARAMETERS, NOMINAL.vector, strict=True):
         i = SHARED.index(key)
         by = camera.fx if _UNITS.get(key) == "px" else 1.0
         sigma = by * float(calibration.sigmas[i])
+        is_implausible = key in calibration.implausible
         rows.append(
             SensorParameter(
                 key=key,
@@ -73,10 +73,8 @@ def sensor_parameters(calibration: Calibration, camera: Camera) -> tuple[SensorP
                 found=float(nominal) + by * float(calibration.departures[i]),
                 sigma=sigma if sigma > 0 else None,
                 is_kept=bool(calibration.is_kept[i]),
-                is_implausible=key in calibration.implausible,
-                p_sensor=calibration.p_sensor
-                if is_weighed and key in calibration.implausible
-                else None,
+                is_implausible=is_implausible,
+                p_sensor=calibration.p_sensor if is_implausible else None,
             )
         )
     return tuple(rows)

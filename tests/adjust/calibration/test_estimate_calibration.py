@@ -211,6 +211,7 @@ def test_keypoints_off_the_depth_are_no_lens(world, undone_by):
 def test_what_no_sensor_does_corrects_nothing_and_is_named(world, undone_by, name, walls):
     found = found_in(world.measured_by(undone_by), walls=walls)
     assert name in found.implausible
+    assert (found.p_sensor is None) == name.startswith("depth")  # has no second witness
     assert found.sensor.is_nominal
     assert found.kept == ()
     module = import_module("planfit.adjust.calibration.estimate")  # its function has the same name

@@ -125,8 +125,8 @@ class Calibration:
     implausible: tuple[str, ...] = ()
     """Parameters that the evidence asks for by more than a sensor can be off, and that geometry without
     keypoints does not confirm: then nothing is corrected."""
-    p_sensor: float = 0.0
-    """Probability that these are the sensor's all the same."""
+    p_sensor: float | None = None
+    """Probability that these are the sensor's all the same; None of depth, of which that tells nothing."""
     unbelieved: SensorCalibration = NOMINAL
     """What would be corrected if no departure were implausible; nominal where none is."""
 

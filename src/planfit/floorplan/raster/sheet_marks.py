@@ -134,8 +134,7 @@ def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"
         mask = labels == label
         is_large = is_mark & np.asarray((stats[:, 2:4] > far).all(axis=1))
         # Lines of thin walls have less ink than a frame.
-        has_less = len(rest) == 0 or box[4] > rest[:, 4].sum()
-        if has_less and (
+        if box[4] > rest[:, 4].sum() and (
             _has_middle(mask[part]) or not _has_walls(is_large[labels[part]], far.max())
         ):
             continue
