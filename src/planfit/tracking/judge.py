@@ -32,7 +32,7 @@ from planfit.tracking.lost_runs import (
     stands_still,
     usual_of_known,
 )
-from planfit.tracking.motions import MeasuredMotions, noise_factors
+from planfit.tracking.motions import MeasuredMotions, noise_factors, over_told_steps
 from planfit.tracking.options import TrackingOptions
 from planfit.tracking.submaps import find_doubtful
 from planfit.tracking.trajectory import (
@@ -49,8 +49,6 @@ from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
 
-MIN_TOLD = 0.5
-"""Share of the motions that must lead over steps which say something, to be judged without the others."""
 FUSE_ABOVE = 2.0
 """Factor of its sigmas from which a tracker's poses are fused with the measured motions first."""
 
@@ -206,7 +204,7 @@ def judge_tracking(
     n_held = 0 if held is None else int(stands_still(world_from_cams).sum())
     world_from_cams, held_sigmas = held or (world_from_cams, None)
     is_at_origin = is_identity(world_from_cams)
-    told = _over_told_steps(motions, ~stands_still(world_from_cams))
+    told = over_told_steps(motions, ~stands_still(world_from_cams))
     clocked = _Clocked(times, is_at_origin, motions, told, odometry, keyframe_idx, options)
     chosen, fit, clock = _convention(world_from_cams, convention, clocked)
     chosen, recorded = _in_axes_of_format(world_from_cams, chosen, up_world)
@@ -298,13 +296,6 @@ def _in_axes_of_format(
     return (axes if chosen == RECORDED else f"{chosen}, {axes}"), apply_convention(poses, axes)
 
 
-def _over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) -> MeasuredMotions:
-    """Motions that lead over recorded steps which say something; all, where these are less than half."""
-    n_void = np.concatenate([[0], np.cumsum(~is_told)])
-    over = n_void[motions.pairs[:, 1]] == n_void[motions.pairs[:, 0]]
-    return motions[np.flatnonzero(over)] if over.sum() >= MIN_TOLD * len(over) else motions
-
-
 def _lost_runs(
     recorded: Poses,
     is_at_origin: Bool[np.ndarray, " n"],
@@ -319,7 +310,7 @@ def _adapted(
     tracker: _Tracker, read: Poses, lost: Sequence[LostRun], motions: MeasuredMotions
 ) -> _Tracker:
     """With the factors on its sigmas that its steps ask for."""
-    told = _over_told_steps(motions, ~void_steps(len(read), lost))
+    told = over_told_steps(motions, ~void_steps(len(read), lost))
     return replace(tracker, factors=noise_factors(read, tracker.steps(read), told))
 
 
