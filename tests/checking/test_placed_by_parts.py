@@ -33,15 +33,18 @@ def truth():
     return np.stack([look([2 + 0.25 * i, 3.0, 1.5], 20 * np.sin(i / 5), 10) for i in range(N)])
 
 
-def world(truth, recorded, rng, bridged=False):
+def world(truth, recorded, rng, bridged=False, corners=CORNERS, reach_m=np.inf):
     """What the scan shows, its poses as recorded, and the whole aligned by its first part."""
-    plan = faces_plan(CORNERS)
+    plan = faces_plan(corners)
     patches = []
     for i in range(N):
         for k, (first, last) in enumerate(plan.ends):
-            xy = first + (last - first) * rng.uniform(0.05, 0.95, (40, 1))
-            on_wall = np.column_stack([xy, rng.uniform(0.3, 2.5, 40)])
-            patches.append((i, on_wall, plan.normals[k]))
+            n = 40 if np.isinf(reach_m) else 400
+            xy = first + (last - first) * rng.uniform(0.05, 0.95, (n, 1))
+            on_wall = np.column_stack([xy, rng.uniform(0.3, 2.5, n)])
+            on_wall = on_wall[np.abs(xy - truth[i, :2, 3]).max(axis=1) < reach_m]
+            if len(on_wall):
+                patches.append((i, on_wall, plan.normals[k]))
     floor = [(i, rng.uniform([1, 1, 0], [13, 5, 0], (40, 3))) for i in range(N)]
     pairs = [(i, i + 1) for i in range(N - 1) if bridged or i != STEP]
     matches = make_matches(truth, pairs, rng.uniform([0, 0, 0], [14, 9, 2.5], (30, 3)))
@@ -88,6 +91,18 @@ def test_a_walk_that_fits_stays_as_recorded(truth, rng):
 
 def test_a_step_that_keypoints_bridge_is_not_cut(truth, rng):
     assert placed_by_parts(*world(truth, jumped(truth), rng, bridged=True), RefineOptions()) is None
+
+
+def test_a_part_that_drift_has_turned_is_no_jump_along_a_corridor(rng):
+    # Its walls fit alike wherever it is put along the corridor; no step would be shorter than usual.
+    truth = np.stack([look([4 + 1.2 * i, 1.0, 1.5], 0, 10) for i in range(N)])
+    corridor = [(0, 0), (56, 0), (56, 2), (0, 2)]
+    turned = truth.copy()
+    pivot = se3.make_transform(np.eye(3), truth[STEP, :3, 3])
+    about = pivot @ se3.yaw_transform(np.deg2rad(5.0), np.zeros(3)) @ se3.inverse(pivot)
+    turned[STEP + 1 :] = about @ truth[STEP + 1 :]
+    seen = world(truth, turned, rng, corners=corridor, reach_m=3.0)
+    assert placed_by_parts(*seen, RefineOptions()) is None
 
 
 @pytest.mark.parametrize("option", ["is_judged", "mend"])

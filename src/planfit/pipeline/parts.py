@@ -29,7 +29,7 @@ from planfit.pipeline.prepare import PreparedScan
 from planfit.priors import CLEAR_ODDS
 from planfit.scan.odometry import unusualness, usual_step
 from planfit.tracking import Tracking, with_open_steps
-from planfit.tracking.breaks import is_far
+from planfit.tracking.breaks import MIN_JUMP_DEG, MIN_JUMP_M, is_far
 from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
@@ -123,14 +123,18 @@ class _Walk:
         return self.summed(np.full(len(self.of_key), NULL_SCORE))
 
     def log_odds(self, before: _Place, after: _Place) -> Float[np.ndarray, " s"]:
-        """Of a jump from one place to another at each step; -inf where there is none."""
+        """Of a change from one place to another at each step: 0 where no jump is, -inf where none can be."""
         poses, usual = self.level_from_keys, usual_step(self.recorded)
         told = se3.inverse(before.plan_from_level @ poses[:-1]) @ (
             after.plan_from_level @ poses[1:]
         )
         gain = unusualness(self.recorded, usual) - unusualness(told, usual)
         is_none = self.is_whole | leaps(told, self.recorded, usual[0])
-        return np.where(is_none, -np.inf, gain / 2.0 - PRICE)
+        # Of places that explain a part alike, as those along a corridor do, one without a jump.
+        off = se3.inverse(self.recorded) @ told
+        angles_deg = np.rad2deg(se3.rotation_angle(off[:, :3, :3]))
+        is_near = (np.linalg.norm(off[:, :3, 3], axis=1) < MIN_JUMP_M) & (angles_deg < MIN_JUMP_DEG)
+        return np.where(is_near, 0.0, np.where(is_none, -np.inf, gain / 2.0 - PRICE))
 
 
 def placed_by_parts(
@@ -243,11 +247,7 @@ def _more_places(
             for inner, outer in ((first, first - 1), (last, last + 1))
             if 0 <= outer < len(path)
             for place in _places_beside(
-                walk,
-                (first, last),
-                inner,
-                places[path[outer]].plan_from_level @ walk.level_from_keys[outer],
-                options,
+                walk, (first, last), inner, outer, places[path[outer]].plan_from_level, options
             )
         ]
         if found:
@@ -259,24 +259,31 @@ def _places_beside(
     walk: _Walk,
     part: tuple[int, int],
     inner: int,
-    plan_from_outer: Float[np.ndarray, "4 4"],
+    outer: int,
+    plan_from_level: Float[np.ndarray, "4 4"],
     options: AlignOptions,
 ) -> list[_Place]:
-    """Where a part may lie on the plan, its keyframe `inner` a step from one beside that was placed."""
+    """Where a part may lie on the plan: its keyframe `inner` a step from one beside, `outer`, that was placed
+    there, or where drift alone has it.
+    """
     first, last = part
-    within = (walk.of_key >= first) & (walk.of_key <= last)
+    samples = walk.samples.picked(np.flatnonzero((walk.of_key >= first) & (walk.of_key <= last)))
+    poses = walk.level_from_keys
     reach = reach_m(walk.recorded, usual_step(walk.recorded)[0])
-    near = replace(
-        options,
-        control_points=(),
-        start="",
-        candidate=1,
-        control_point_tolerance_m=float(reach[first - 1 if inner == first else last]),
-    )
-    known = ControlPoint(walk.level_from_keys[inner, :2, 3], plan_from_outer[:2, 3])
-    samples = walk.samples.picked(np.flatnonzero(within))
-    found = align(samples, walk.plan, near, control_points=[known])
-    return [walk.at(each.plan_from_level) for each in found.candidates if each.score > NULL_SCORE]
+    found = []
+    for at, tolerance_m in ((inner, MIN_JUMP_M), (outer, float(reach[min(inner, outer)]))):
+        near = replace(
+            options,
+            control_points=(),
+            start="",
+            candidate=1,
+            control_point_tolerance_m=tolerance_m,
+        )
+        there = (plan_from_level @ poses[at])[:2, 3]
+        known = ControlPoint(poses[inner, :2, 3], there)
+        aligned = align(samples, walk.plan, near, control_points=[known])
+        found += [each for each in aligned.candidates if each.score > NULL_SCORE]
+    return [walk.at(each.plan_from_level) for each in found]
 
 
 def _likeliest(walk: _Walk, places: Sequence[_Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
