@@ -12,7 +12,7 @@ from planfit.adjust import AdjustOptions
 from planfit.adjust.options import TermOptions
 from planfit.alignment import AlignOptions
 from planfit.evaluation import position_errors
-from planfit.findings import PlanKind, ScanKind
+from planfit.findings import PlanKind, PoseKind, ScanKind
 from planfit.geometry import se3
 from planfit.pipeline.refine import calibrate
 from planfit.runtime import Runtime
@@ -249,6 +249,28 @@ def test_plan_of_another_building_is_warned_of(seed, synthetic, runtime):
     result = planfit.refine(scan, other, runtime=runtime)
     assert result.warnings
     assert not result.verdict.is_refined
+
+
+@pytest.mark.parametrize("calibrates", [True, False])
+def test_motion_that_is_too_short_for_the_plan_is_corrected_as_a_whole(
+    calibrates, synthetic, runtime
+):
+    poses = synthetic.true_world_from_cams.copy()
+    poses[:, :3, 3] *= 0.97
+    short = dataclasses.replace(synthetic.scan, world_from_cams=poses)
+    options = planfit.RefineOptions().with_("calibration.is_on", calibrates)
+    result = planfit.refine(short, synthetic.floorplan, options, runtime)
+    told = [each for each in result.findings if each.kind is PoseKind.MOTION_TO_SCALE]
+    if not calibrates:
+        assert told == []
+        return
+    (facts,) = [each.facts for each in told]
+    assert facts["departure"] == pytest.approx(1 / 0.97 - 1, abs=3 * facts["sigma"])
+    assert facts["sigma"] < 0.01
+    assert result.sensor.depth_scale == 1.0
+    # What is left of it is within what is told; poses as recorded stay as they are.
+    assert rms(result.plan_from_cams, synthetic.true_plan_from_cams) < 0.03
+    assert np.allclose(result.tracking.recorded_world_from_cams, poses)
 
 
 def test_mask_back_end_without_masks_is_an_error(synthetic):

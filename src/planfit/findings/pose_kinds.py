@@ -45,6 +45,15 @@ class PoseKind(Kind):
         "multiplied by {depth_factor:.4g}, a ratio of units that are in use",
         "if poses have a unit of their own instead, give it: --poses-convention unit:METRES",
     )
+    MOTION_TO_SCALE = note(
+        (
+            "the recorded motion is ",
+            lambda departure, sigma: (
+                f"{abs(departure):.1%} +- {sigma:.1%} too {'short' if departure > 0 else 'long'}"
+            ),
+            " for the walls of the plan: corrected by one factor",
+        )
+    )
     CONVENTION_TAKEN = note("the recorded poses were taken as {convention}")
     MOUNT_FOUND = note(
         (

@@ -14,6 +14,7 @@ from planfit.adjust import (
 )
 from planfit.adjust.calibration import (
     NOT_CALIBRATED,
+    ODOMETRY,
     PLAN,
     SHARED,
     Calibration,
@@ -35,14 +36,15 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.priors import SURE_SIGMAS
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
+from planfit.tracking import with_longer_steps
 
 PLAN_OFF_SIGMAS = SURE_SIGMAS.value
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
 MIN_SIGMAS_WITH_PLAN = 2.0
-"""Where the plan is believed and the scan does not fit it, depth is corrected from so many standard
-deviations on: left as it is, it would call the plan wrong, which is the more unusual of the two. And where
-the plan has no unit, so that depth and recorded motion alone tell the metre: an error of depth that is left
-then becomes one of all positions."""
+"""Where the plan is believed and the scan does not fit it, depth or recorded motion is corrected from so
+many standard deviations on: depth left as it is would call the plan wrong, which is the more unusual of the
+two. And where the plan has no unit, so that depth and recorded motion alone tell the metre: an error of
+depth that is left then becomes one of all positions."""
 
 
 @dataclass(frozen=True)
@@ -135,9 +137,71 @@ def calibrate_on_plan(
         sensor = calibrated.calibration.sensor
         priors = plan_prior(on_plan, calibrated.calibration, calibrated.observations.priors)
         found = estimate(measured, problem, unknowns, solve, priors, sensor)
+        known = calibrated.calibration
+        found = _with_motion(found, known.departures[ODOMETRY], known.sigmas[ODOMETRY])
     if found.sensor == sensor:
         return replace(calibrated, calibration=found)
     return _recalibrated(scan, calibrated, found, options, timer)
+
+
+def with_motion_to_scale(
+    scan: Scan,
+    calibrated: CalibratedScan,
+    on_plan: ScanOnPlan,
+    adjustment: PlanAdjustment,
+    options: RefineOptions,
+    timer: StageTimer,
+) -> CalibratedScan:
+    """The same with recorded motion as long as all evidence says, by one factor for the whole walk; the very
+    same where that is within `MIN_SIGMAS_WITH_PLAN` of its standard deviations of how it was taken.
+
+    Steps err independently of each other in the odometry's sigmas, so that 2 % of all of them are beyond
+    what these allow over a room. Only a plan whose metre is believed tells that from depth.
+    """
+    tracking, correspondences = calibrated.observations.tracking, adjustment.correspondences
+    is_possible = _is_possible(options) and on_plan.storeys is None
+    if tracking is None or correspondences is None or not is_possible:
+        return calibrated
+    calibration, priors = calibrated.calibration, calibrated.observations.priors
+    if plan_prior(on_plan, calibration, priors).plan_scale_sigma > 0:
+        return calibrated
+    with timer.stage("calibrate"):
+        problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
+        sigmas = np.zeros(len(SHARED))
+        sigmas[ODOMETRY] = priors.odometry_scale_sigma
+        before = _used(calibration)
+        step = shared_step(problem, unknowns, before, sigmas)
+    change, sigma = (
+        float(step.change[ODOMETRY]),
+        float(np.sqrt(step.covariance[ODOMETRY, ODOMETRY])),
+    )
+    if abs(change) <= MIN_SIGMAS_WITH_PLAN * sigma:
+        return calibrated
+    after = float(before[ODOMETRY]) + change
+    tracking = with_longer_steps(tracking, (1.0 + after) / (1.0 + float(before[ODOMETRY])))
+    as_lifted, seen = (
+        replace(each, tracking=tracking) for each in (calibrated.as_lifted, calibrated.observations)
+    )
+    return CalibratedScan(
+        as_lifted,
+        seen,
+        prepare(scan, seen, options, timer),
+        _with_motion(calibration, after, sigma),
+    )
+
+
+def _with_motion(calibration: Calibration, departure: float, sigma: float) -> Calibration:
+    """The same, with what is found of the length of recorded motion."""
+    departures, sigmas = calibration.departures.copy(), calibration.sigmas.copy()
+    departures[ODOMETRY], sigmas[ODOMETRY] = departure, sigma
+    return replace(calibration, departures=departures, sigmas=sigmas)
+
+
+def _used(calibration: Calibration) -> Float[np.ndarray, " s"]:
+    """Departures that measurements are corrected by: what is kept of the sensor, and of recorded motion."""
+    used = np.where(calibration.is_kept, calibration.departures, 0.0)
+    used[ODOMETRY] = calibration.departures[ODOMETRY]
+    return used
 
 
 def _is_possible(options: RefineOptions) -> bool:
@@ -251,9 +315,8 @@ def shared_error(
     if not is_possible:
         return None
     priors = plan_prior(on_plan, calibration, priors)
-    departures = np.where(calibration.is_kept, calibration.departures, 0.0)
     unknowns = problem.unknowns
-    step = shared_step(replace(problem, ceiling=None), unknowns, departures, priors.sigmas)
+    step = shared_step(replace(problem, ceiling=None), unknowns, _used(calibration), priors.sigmas)
     follow = step.pose_by_shared
     if priors.plan_scale_sigma > 0:
         follow[:, 3:5, PLAN] -= unknowns[:, :2, 3]

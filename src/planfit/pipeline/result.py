@@ -31,7 +31,12 @@ from planfit.pipeline.given import Given
 from planfit.pipeline.on_plan import Storeys
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.registration import Registration, register
-from planfit.pipeline.sensor import SensorParameter, sensor_findings, sensor_parameters
+from planfit.pipeline.sensor import (
+    SensorParameter,
+    motion_findings,
+    sensor_findings,
+    sensor_parameters,
+)
 from planfit.pipeline.solve import Solved
 from planfit.pipeline.survey_residuals import survey_findings, survey_residuals
 from planfit.pipeline.validation import Check, Validation
@@ -211,6 +216,7 @@ def make_result(given: Given, solved: Solved, validation: Validation) -> RefineR
         findings=(
             *(observations.tracking.findings if observations.tracking else ()),
             *observations.depth_unit.findings,
+            *motion_findings(calibrated.calibration),
             *sensor_findings(found),
             *scan_findings(
                 scan,

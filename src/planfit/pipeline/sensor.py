@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from planfit.adjust.calibration import SHARED, Calibration
-from planfit.findings import Finding, Kind, ScanKind
+from planfit.adjust.calibration import ODOMETRY, SHARED, Calibration
+from planfit.findings import Finding, Kind, PoseKind, ScanKind
 from planfit.geometry.calibration import NOMINAL, PARAMETERS
 from planfit.geometry.camera import Camera
+from planfit.priors import SURE_SIGMAS
 
 _NAMES = {
     "depth_scale": "depth, factor",
@@ -93,6 +94,14 @@ def sensor_findings(rows: Sequence[SensorParameter]) -> tuple[Finding, ...]:
     facts |= {"is_of_depth": True in of_depth, "is_of_lens": False in of_depth}
     asked = tuple(_finding(ScanKind.PARAMETER_IMPLAUSIBLE, row) for row in refused)
     return (Finding(ScanKind.SENSOR_IMPLAUSIBLE, facts, parts=asked),)
+
+
+def motion_findings(calibration: Calibration) -> tuple[Finding, ...]:
+    """By how much recorded motion was corrected, where it surely is too short or too long."""
+    departure, sigma = (float(v[ODOMETRY]) for v in (calibration.departures, calibration.sigmas))
+    if abs(departure) <= SURE_SIGMAS.value * sigma:
+        return ()
+    return (Finding(PoseKind.MOTION_TO_SCALE, {"departure": departure, "sigma": sigma}),)
 
 
 def _finding(kind: Kind, row: SensorParameter) -> Finding:

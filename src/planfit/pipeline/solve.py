@@ -20,6 +20,7 @@ from planfit.pipeline.calibrate import (
     calibrate_alone,
     calibrate_on_plan,
     with_doubt_of_scale,
+    with_motion_to_scale,
 )
 from planfit.pipeline.contradicted import with_places
 from planfit.pipeline.folds import N_FOLDS, cut_into_stretches
@@ -77,6 +78,10 @@ def solve(
         )
         if calibrated.prepared is solved.prepared:
             solved = replace(solved, calibrated=calibrated)
+            calibrated = with_motion_to_scale(
+                given.scan, calibrated, solved.on_plan, solved.adjustment, options, timer
+            )
+        if calibrated is solved.calibrated:
             break
         solved = adjust(calibrated)
     before = first.calibrated, first.on_plan

@@ -16,5 +16,6 @@ from planfit.tracking.submaps import place_submaps as place_submaps
 from planfit.tracking.submaps import with_open_steps as with_open_steps
 from planfit.tracking.types import Tracking as Tracking
 from planfit.tracking.types import TrackingBreak as TrackingBreak
+from planfit.tracking.types import with_longer_steps as with_longer_steps
 from planfit.tracking.undecided import JumpHypothesis as JumpHypothesis
 from planfit.tracking.undecided import jump_hypotheses as jump_hypotheses

@@ -1,6 +1,6 @@
 """How far recorded poses can be believed: the answer, and what was found broken."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -14,7 +14,7 @@ from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 from planfit.tracking.motions import MeasuredMotions
 from planfit.tracking.mounts import mount_numbers
-from planfit.tracking.pose_units import unit_of
+from planfit.tracking.pose_units import in_metres, unit_of
 
 
 @dataclass(frozen=True)
@@ -248,6 +248,16 @@ def describe_jump(
     facts |= {"corrected_m": now[0], "corrected_deg": now[1]}
     finding = Finding(PoseKind.JUMP_CORRECTED, facts, ((frame, frame + 1),))
     return TrackingBreak("jump", frame, frame + 1, was, now, n_motions, finding)
+
+
+def with_longer_steps(tracking: Tracking, factor: float) -> Tracking:
+    """The same, its motion longer by a factor; poses as recorded stay as they are."""
+    steps = tracking.odometry.cam_from_next
+    return replace(
+        tracking,
+        world_from_cams=in_metres(tracking.world_from_cams, factor),
+        odometry=replace(tracking.odometry, cam_from_next=in_metres(steps, factor)),
+    )
 
 
 def size_of(motion: Float[np.ndarray, "4 4"]) -> tuple[float, float]:

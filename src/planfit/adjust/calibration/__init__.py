@@ -1,5 +1,6 @@
 """What all frames share, solved for with the poses: the sensor, and scales of odometry and plan."""
 
+from planfit.adjust.calibration.blocks import ODOMETRY as ODOMETRY
 from planfit.adjust.calibration.blocks import PLAN as PLAN
 from planfit.adjust.calibration.blocks import SHARED as SHARED
 from planfit.adjust.calibration.correct import corrected_matches as corrected_matches

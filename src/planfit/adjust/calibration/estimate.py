@@ -117,7 +117,7 @@ class Calibration:
     """Which departures the evidence asks for, in the order of `SHARED`."""
     departures: Float[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(len(SHARED)))
     """Of the parameters from their nominal values: as corrected where kept, else as they would be if they
-    alone were free beside those."""
+    alone were free beside those. Recorded motion is corrected by its own, kept or not."""
     sigmas: Float[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(len(SHARED)))
     """Standard deviations of the departures; 0 of what was held, or not looked for."""
     gain: float = 0.0
