@@ -113,11 +113,6 @@ def test_what_reserves(changes, kind, frames, facts):
             {"before_m": 0.1, "after_m": 0.2},
         ),
         (
-            {"stretches": stretches(range(5), near_before=0.97)},
-            ResultKind.WALLS_LEFT_PLAN,
-            {"before_share": pytest.approx(0.97), "after_share": pytest.approx(0.9)},
-        ),
-        (
             {"predicted_error_m": np.full(50, 0.6)},
             ResultKind.ERROR_TOO_LARGE,
             {"predicted_rms_m": pytest.approx(0.6), "moved_rms_m": pytest.approx(0.5)},

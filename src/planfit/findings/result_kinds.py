@@ -149,10 +149,6 @@ class ResultKind(Kind):
         "places seen again came apart, from {before_m:.3f (m)} to {after_m:.3f m}, in solves that did "
         "without them"
     )
-    WALLS_LEFT_PLAN = against(
-        "walls left the plan, from {before_share:.0%} to {after_share:.0%} on it, in solves that did without "
-        "them"
-    )
     ERROR_TOO_LARGE = against(
         "the predicted error, {predicted_rms_m:.2f m}, is too large a part of what was corrected, "
         "{moved_rms_m:.2f m}"

@@ -201,11 +201,6 @@ def _against(evidence: Evidence, tolerance_m: float) -> tuple[Finding, ...]:
             found.append(
                 Finding(ResultKind.REVISITS_CAME_APART, {"before_m": before, "after_m": after})
             )
-    if evidence.near_shares:
-        before, after = evidence.near_shares
-        if after < before - 0.05:
-            shares = {"before_share": before, "after_share": after}
-            found.append(Finding(ResultKind.WALLS_LEFT_PLAN, shares))
     moved, error = evidence.correction_rms_m, evidence.predicted_rms_m
     # Right poses lie about as far from the recorded ones as these were moved, and from the refined ones as is
     # predicted.
