@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from planfit.adjust import (
+    AdjustmentProblem,
     AdjustOptions,
     Measurements,
     PlanAdjustment,
@@ -21,14 +22,13 @@ from planfit.adjust import (
     costs,
     moved_wall_findings,
 )
-from planfit.adjust.association import PlanCorrespondences, associate
+from planfit.adjust.association import PlanCorrespondences
 from planfit.adjust.calibration import NOT_CALIBRATED, Calibration, CalibrationPriors
 from planfit.adjust.left_out import PointLeftOut, leave_out_control
 from planfit.adjust.observability import frames_held
 from planfit.adjust.torn_steps import find_broken_steps
 from planfit.adjust.uncertainty import probability_within
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
-from planfit.evaluation import NEAR_FACE_M
 from planfit.findings import Finding
 from planfit.lsq import Term
 from planfit.pipeline.align import wall_samples
@@ -37,15 +37,19 @@ from planfit.pipeline.disagreements import Disagreement, find_disagreements
 from planfit.pipeline.folds import (
     FoldedSolves,
     choose_folds,
+    walls_near_plan,
     without_fold,
 )
 from planfit.pipeline.links import Link, Visit, judge_links, judge_visits
 from planfit.pipeline.on_plan import ScanOnPlan, Storey
 from planfit.pipeline.predicted_error import (
+    StatedCovariances,
     brought_close,
+    frames_compared,
     interpolated,
     predicted_covariance,
     spread_of_rivals,
+    stated_covariances,
 )
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
@@ -54,8 +58,6 @@ from planfit.runtime import blas_on_one_thread, give_back_memory, in_threads, sh
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
-BESIDE_M = 0.6
-"""A wall patch this near to a face that looks the same way lies on it or beside it."""
 CONTRADICTED_M = 0.3
 """A visit whose matches end further apart (median) is contradicted by the result."""
 DRIFT_COST = 3.0
@@ -235,24 +237,37 @@ def gather_evidence(
     tolerance = max(FOLD_TOLERANCE, options.solver.cost_tolerance)
     of_folds = replace(options, solver=replace(options.solver, cost_tolerance=tolerance))
 
+    def problem_of(
+        reduced: Measurements, correspondences: PlanCorrespondences | None
+    ) -> AdjustmentProblem:
+        return build_problem(reduced, of_folds, solved, correspondences, extra_terms)
+
     def solve(
         reduced: Measurements, correspondences: PlanCorrespondences | None
     ) -> Float[np.ndarray, "k 4 4"]:
-        problem = build_problem(reduced, of_folds, solved, correspondences, extra_terms)
-        return problem.solve().target_from_cams[: len(solved)]
+        return problem_of(reduced, correspondences).solve().target_from_cams[: len(solved)]
 
-    def without(fold: int) -> Float[np.ndarray, "k 4 4"]:
-        return solve(*without_fold(measurements, adjustment.correspondences, folds, fold))
+    compared = frames_compared(folds.stretch)
+
+    def without(fold: int) -> tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, "s 6 6"]]:
+        problem = problem_of(*without_fold(measurements, adjustment.correspondences, folds, fold))
+        stated = stated_covariances(problem, compared)
+        return problem.solve().target_from_cams[: len(solved)], stated
 
     with blas_on_one_thread():
-        by_fold = in_threads(without, range(folds.count))
-    solves = FoldedSolves(prepared, adjustment, folds, recorded, tuple(by_fold))
+        by_fold, stated = zip(*in_threads(without, range(folds.count)), strict=True)
+    solves = FoldedSolves(prepared, adjustment, folds, recorded, by_fold)
     give_back_memory()  # each fold had a copy of the points that it kept
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
-    covariance = predicted_covariance(problem, adjustment.rivals, folds, by_fold, rng, shared)
+    covariances = StatedCovariances(
+        compared, stated_covariances(problem, compared), np.array(stated)
+    )
+    covariance = predicted_covariance(
+        problem, adjustment.rivals, folds, by_fold, covariances, rng, shared
+    )
     spread = spread_of_rivals(solved, adjustment.rivals)
-    near = _near_plan(solves, on_plan, options)
+    near = walls_near_plan(solves, on_plan.floorplan, options)
     of_positions = covariance[:, 3:, 3:]
     before = recorded[:, :3, 3]
     if problem.gauge is not None:
@@ -302,32 +317,6 @@ def _moved_walls(on_plan: ScanOnPlan, adjustment: PlanAdjustment) -> tuple[Findi
     if on_plan.floorplan is None:
         return ()
     return moved_wall_findings(adjustment.moved_walls, on_plan.floorplan)
-
-
-def _near_plan(
-    solves: FoldedSolves, on_plan: ScanOnPlan, options: AdjustOptions
-) -> Bool[np.ndarray, "w 3"] | None:
-    """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
-    plan."""
-    structure, floorplan = solves.prepared.measurements.structure, on_plan.floorplan
-    patches, storeys = structure.walls, structure.storeys
-    if floorplan is None:
-        return None
-
-    # Whether wall is near a face does not depend on what else is nearer.
-    each_patch = replace(options.association, mutual=False)
-
-    def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
-        found = associate(patches, floorplan, poses, BESIDE_M, each_patch, storeys)
-        return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
-
-    kept_out_m = np.full(len(patches), np.inf)
-    for fold, poses in enumerate(solves.by_fold):
-        is_out = solves.folds.of_patches == fold
-        kept_out_m[is_out] = distances_m(poses)[is_out]
-    is_near = kept_out_m < NEAR_FACE_M
-    is_beside = ~is_near & (kept_out_m < BESIDE_M)
-    return np.column_stack([distances_m(solves.recorded) < NEAR_FACE_M, is_near, is_beside])
 
 
 def _stretches(

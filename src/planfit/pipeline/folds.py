@@ -10,10 +10,12 @@ from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
-from planfit.adjust import Kept, Measurements, PlanAdjustment
-from planfit.adjust.association import PlanCorrespondences
+from planfit.adjust import AdjustOptions, Kept, Measurements, PlanAdjustment
+from planfit.adjust.association import PlanCorrespondences, associate
+from planfit.evaluation import NEAR_FACE_M
+from planfit.floorplan import Floorplan
 from planfit.pipeline.prepare import PreparedScan
 
 STRETCH_M = 6.0
@@ -22,6 +24,8 @@ MIN_FRAMES = 6
 """Frames of a stretch at least."""
 N_FOLDS = 5
 """Solves that each do without one part in so many of the visits and of the walls, which then judge it."""
+BESIDE_M = 0.6
+"""A wall patch this near to a face that looks the same way lies on it or beside it."""
 NOT_KEPT_OUT = -1
 
 
@@ -158,3 +162,29 @@ def without_fold(
 def _dealt(n: int, count: int, rng: np.random.Generator) -> Int[np.ndarray, " n"]:
     """Folds of n things: each fold gets as many, at random."""
     return rng.permutation(np.arange(n) % count)
+
+
+def walls_near_plan(
+    solves: FoldedSolves, floorplan: Floorplan | None, options: AdjustOptions
+) -> Bool[np.ndarray, "w 3"] | None:
+    """Of each wall patch: near a face as recorded, near one kept out, beside one kept out. None without a
+    plan."""
+    structure = solves.prepared.measurements.structure
+    patches, storeys = structure.walls, structure.storeys
+    if floorplan is None:
+        return None
+
+    # Whether wall is near a face does not depend on what else is nearer.
+    each_patch = replace(options.association, mutual=False)
+
+    def distances_m(poses: Float[np.ndarray, "k 4 4"]) -> Float[np.ndarray, " w"]:
+        found = associate(patches, floorplan, poses, BESIDE_M, each_patch, storeys)
+        return np.where(found.face_idx >= 0, np.abs(found.distance_m), np.inf)
+
+    kept_out_m = np.full(len(patches), np.inf)
+    for fold, poses in enumerate(solves.by_fold):
+        is_out = solves.folds.of_patches == fold
+        kept_out_m[is_out] = distances_m(poses)[is_out]
+    is_near = kept_out_m < NEAR_FACE_M
+    is_beside = ~is_near & (kept_out_m < BESIDE_M)
+    return np.column_stack([distances_m(solves.recorded) < NEAR_FACE_M, is_near, is_beside])

@@ -5,15 +5,19 @@ brought to the truth by one rigid motion: the frame that the gauge holds is no s
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import AdjustmentProblem, Rival
 from planfit.adjust.torn_steps import step_departures
 from planfit.adjust.uncertainty import ErrorModel, SharedError, model_errors, pose_covariances
 from planfit.geometry import se3
+from planfit.lsq.covariance import factorised
+from planfit.lsq.normal_equations import NormalEquations
 from planfit.pipeline.folds import Folds
+from planfit.priors import SURE_SIGMAS
 
 MAX_COVARIANCES, MAX_ALIGNED_COVARIANCES = 120, 60
 """Frames whose covariance is taken, evenly along the walk; between them it is interpolated. Where nothing
@@ -24,35 +28,96 @@ LEAST_SHARE, LEAST_VARIANCE = 1e-9, 1e-14
 """No variance is below this share of the pose's largest, nor below this (rad^2, m^2)."""
 
 
+@dataclass(frozen=True)
+class StatedCovariances:
+    """Of some cameras, by the sigmas that terms were given, at the weights where the result ended."""
+
+    frames: Int[np.ndarray, " s"]
+    whole: Float[np.ndarray, "s 6 6"]
+    """By all evidence."""
+    by_fold: Float[np.ndarray, "f s 6 6"]
+    """By what each fold has."""
+
+    def are_exceeded(
+        self, moved: Float[np.ndarray, "f k 6"], own: Float[np.ndarray, "k 6 6"]
+    ) -> Bool[np.ndarray, "f k"]:
+        """Whether folds move frames by more than `SURE_SIGMAS` of what they should.
+
+        Args:
+            moved: tangents.
+            own: covariances of all frames by residuals, without what all frames share: sigmas that are stated
+                too small or too large are so for both solves.
+        """
+        every = np.arange(moved.shape[1])
+        whole, by_residuals = _mean_square(self.whole), _mean_square(own[self.frames])
+        factor = by_residuals / np.maximum(whole, LEAST_VARIANCE)
+        squares = np.sum(moved[:, :, 3:] ** 2, axis=2)
+        expected = [
+            np.interp(every, self.frames, factor * np.maximum(_mean_square(one) - whole, 0.0))
+            for one in self.by_fold
+        ]
+        return squares > SURE_SIGMAS.value**2 * np.array(expected)
+
+
 def predicted_covariance(
     problem: AdjustmentProblem,
     rivals: Sequence[Rival],
     folds: Folds,
     by_fold: Sequence[Float[np.ndarray, "k 4 4"]],
+    stated: StatedCovariances,
     rng: np.random.Generator,
     shared: SharedError | None = None,
 ) -> Float[np.ndarray, "k 6 6"]:
     """Covariance of camera poses [rad^2, rad m, m^2], tangents (rotation, translation), target axes.
 
     Residuals know of noise, of walls that are drawn off and of the sensor; the rivals of other optima; the
-    folds of what pulls differently. That is partly the same, so of the folds what exceeds the rest counts.
+    folds of what pulls differently. A solve that does without the walls of an end of the walk moves it by as
+    much as the tracker may err there, which says nothing of poses that have them: of the folds those count
+    that move a frame by more than they should (difference of the covariances of both, as Hausman 1978 tests
+    it), and of these what exceeds the rest.
 
     Args:
         problem: all evidence, its unknowns those of the result.
         rivals: other optima.
         folds: which fold did without what.
         by_fold: poses of each fold's solve.
+        stated: of all evidence, and of each fold.
         rng: for estimates of traces.
         shared: what all frames share; None where that is known.
     """
+    n = problem.n_cams
     moved = _moved_by_folds(problem, by_fold, problem.gauge is not None)
-    by_folds = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
-    spread = np.zeros_like(by_folds)
-    spread[:, 3:, 3:] = spread_of_rivals(problem.unknowns[: problem.n_cams], rivals)
+    spread = np.zeros((n, 6, 6))
+    spread[:, 3:, 3:] = spread_of_rivals(problem.unknowns[:n], rivals)
     by_residuals = _by_residuals(problem, folds, rng, shared)
+    if by_residuals is not None and problem.gauge is None:
+        moved[~stated.are_exceeded(moved, by_residuals[0])] = 0.0
+    by_folds = np.einsum("fki,fkj->kij", moved, moved) * (folds.count - 1) / folds.count
     if by_residuals is None:
         return by_folds + spread
-    return larger_of(by_residuals + spread, by_folds)
+    return larger_of(by_residuals[1] + spread, by_folds)
+
+
+def _mean_square(covariances: Float[np.ndarray, "s 6 6"]) -> Float[np.ndarray, " s"]:
+    """Of positions, m^2."""
+    return np.trace(covariances[:, 3:, 3:], axis1=1, axis2=2)
+
+
+def frames_compared(stretch: Int[np.ndarray, " k"]) -> Int[np.ndarray, " s"]:
+    """Frames that stated covariances are taken of: the middle one of each stretch, the first and the last."""
+    counts = np.bincount(stretch)
+    middles = np.cumsum(counts) - (counts + 1) // 2
+    return np.unique([0, *middles, len(stretch) - 1])
+
+
+def stated_covariances(
+    problem: AdjustmentProblem, frames: Int[np.ndarray, " s"]
+) -> Float[np.ndarray, "s 6 6"]:
+    """Blocks of the inverse normal equations where a problem begins; huge where nothing holds a frame."""
+    unknowns = problem.unknowns
+    parts = [term.reweight(unknowns)[0].normal_blocks(unknowns) for term in problem.terms]
+    factors = factorised(NormalEquations(parts, len(unknowns)))
+    return np.stack([factors.inverse(6 * int(frame) + np.arange(6)) for frame in frames])
 
 
 def larger_of(
@@ -86,16 +151,23 @@ def _moved_by_folds(
 
 def _by_residuals(
     problem: AdjustmentProblem, folds: Folds, rng: np.random.Generator, shared: SharedError | None
-) -> Float[np.ndarray, "k 6 6"] | None:
-    """What the residuals leave open; None where there is none to go by, or frames that nothing holds."""
+) -> tuple[Float[np.ndarray, "k 6 6"], Float[np.ndarray, "k 6 6"]] | None:
+    """What the residuals leave open, without what all frames share and with it; None where there is none to
+    go by, or frames that nothing holds."""
     if problem.options.cost == "paper" or problem.odometry is None:
         return None
     n = problem.n_cams
     most = MAX_COVARIANCES if problem.gauge is None else MAX_ALIGNED_COVARIANCES
     some = np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
     model = error_model(problem, folds.stretch, rng)
-    found = pose_covariances(model, problem.unknowns, some, shared)
-    return interpolated(found, np.arange(n), some)
+    if problem.gauge is not None or shared is None:
+        found = interpolated(
+            pose_covariances(model, problem.unknowns, some, shared), np.arange(n), some
+        )
+        return found, found
+    own = pose_covariances(model, problem.unknowns, some)
+    whole = own + shared.of_poses(some)
+    return interpolated(own, np.arange(n), some), interpolated(whole, np.arange(n), some)
 
 
 def interpolated(

@@ -27,6 +27,11 @@ class SharedError:
     pose_by_shared: Float[np.ndarray, "u 6 s"]
     """How poses follow them, tangents as in `planfit.geometry.se3`."""
 
+    def of_poses(self, idx: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 6 6"]:
+        """Covariances of some poses by it."""
+        by = self.pose_by_shared[idx]
+        return by @ self.covariance @ np.swapaxes(by, 1, 2)
+
 
 def pose_covariances(
     model: ErrorModel,
@@ -57,8 +62,7 @@ def pose_covariances(
     with blas_on_one_thread():
         covariances = np.stack(in_threads(of_camera, idx.tolist()))
     if shared is not None:
-        by = shared.pose_by_shared[idx]
-        covariances += by @ shared.covariance @ np.swapaxes(by, 1, 2)
+        covariances += shared.of_poses(idx)
     return 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
 
 
