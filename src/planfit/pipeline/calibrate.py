@@ -28,6 +28,7 @@ from planfit.adjust.calibration import (
 from planfit.adjust.uncertainty import SharedError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.align import UNKNOWN_SCALE_SIGMA
+from planfit.pipeline.given import Given
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
@@ -36,7 +37,7 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.priors import SURE_SIGMAS
 from planfit.runtime import StageTimer
 from planfit.scan import Scan
-from planfit.tracking import with_longer_steps
+from planfit.tracking import Tracking, with_longer_steps
 
 PLAN_OFF_SIGMAS = SURE_SIGMAS.value
 """A metric plan that is off by more of its and the scan's standard deviations was drawn so."""
@@ -145,11 +146,11 @@ def calibrate_on_plan(
 
 
 def with_motion_to_scale(
-    scan: Scan,
+    given: Given,
+    tracking: Tracking | None,
     calibrated: CalibratedScan,
     on_plan: ScanOnPlan,
     adjustment: PlanAdjustment,
-    options: RefineOptions,
     timer: StageTimer,
 ) -> CalibratedScan:
     """The same with recorded motion as long as all evidence says, by one factor for the whole walk; the very
@@ -157,8 +158,16 @@ def with_motion_to_scale(
 
     Steps err independently of each other in the odometry's sigmas, so that 2 % of all of them are beyond
     what these allow over a room. Only a plan whose metre is believed tells that from depth.
+
+    Args:
+        given: scan and options.
+        tracking: before a plan was looked at: what walls say of its steps they say again, at its scale.
+        calibrated: with the plan's walls among the evidence.
+        on_plan: where it was aligned.
+        adjustment: to that plan.
+        timer: times the stage.
     """
-    tracking, correspondences = calibrated.observations.tracking, adjustment.correspondences
+    correspondences, options = adjustment.correspondences, given.options
     is_possible = _is_possible(options) and on_plan.storeys is None
     if tracking is None or correspondences is None or not is_possible:
         return calibrated
@@ -178,14 +187,14 @@ def with_motion_to_scale(
     if abs(change) <= MIN_SIGMAS_WITH_PLAN * sigma:
         return calibrated
     after = float(before[ODOMETRY]) + change
-    tracking = with_longer_steps(tracking, (1.0 + after) / (1.0 + float(before[ODOMETRY])))
+    tracking = with_longer_steps(tracking, 1.0 + after)
     as_lifted, seen = (
         replace(each, tracking=tracking) for each in (calibrated.as_lifted, calibrated.observations)
     )
     return CalibratedScan(
         as_lifted,
         seen,
-        prepare(scan, seen, options, timer),
+        prepare(given.scan, seen, options, timer),
         _with_motion(calibration, after, sigma),
     )
 

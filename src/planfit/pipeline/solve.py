@@ -70,7 +70,8 @@ def solve(
         surveyed: control points that it shows, if there are any.
     """
     options, adjust = given.options, partial(_adjusted, given, timer, surveyed)
-    solved = first = adjust(calibrate_alone(given.scan, seen, options, timer))
+    alone = calibrate_alone(given.scan, seen, options, timer)
+    solved = first = adjust(alone)
     for _ in range(MAX_CORRECTIONS):
         # Walls may show that the sensor is off: then all that follows from its points comes again.
         calibrated = calibrate_on_plan(
@@ -78,8 +79,9 @@ def solve(
         )
         if calibrated.prepared is solved.prepared:
             solved = replace(solved, calibrated=calibrated)
+            tracking = alone.observations.tracking
             calibrated = with_motion_to_scale(
-                given.scan, calibrated, solved.on_plan, solved.adjustment, options, timer
+                given, tracking, calibrated, solved.on_plan, solved.adjustment, timer
             )
         if calibrated is solved.calibrated:
             break
