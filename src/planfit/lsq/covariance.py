@@ -39,9 +39,7 @@ def covariances(
     Raises:
         OptionError: nothing holds one of them.
     """
-    blocks = [term.reweight(target_from_cams)[0].normal_blocks(target_from_cams) for term in terms]
-    factors = factorised(NormalEquations(blocks, len(target_from_cams)))
-    result = np.stack([factors.inverse(6 * int(i) + np.arange(6)) for i in idx])
+    result = blocks_of_inverse(terms, target_from_cams, idx)
     for k, i in enumerate(idx):
         sigma = np.sqrt(np.abs(np.diagonal(result[k])).max())
         if not sigma < _MAX_SIGMA:
@@ -50,6 +48,17 @@ def covariances(
                 f"free (sigma {sigma:.2g}); add a pose prior, a plan or the odometry term"
             )
     return result
+
+
+def blocks_of_inverse(
+    terms: Sequence[Term],
+    target_from_cams: Float[np.ndarray, "n 4 4"],
+    idx: Int[np.ndarray, " k"],
+) -> Float[np.ndarray, "k 6 6"]:
+    """As `covariances`, huge where nothing holds a pose."""
+    blocks = [term.reweight(target_from_cams)[0].normal_blocks(target_from_cams) for term in terms]
+    factors = factorised(NormalEquations(blocks, len(target_from_cams)))
+    return np.stack([factors.inverse(6 * int(i) + np.arange(6)) for i in idx])
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from planfit.adjust.uncertainty import probability_within
 from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge_adjusted
 from planfit.findings import Finding
 from planfit.lsq import Term
+from planfit.lsq.covariance import blocks_of_inverse
 from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
 from planfit.pipeline.disagreements import Disagreement, find_disagreements
@@ -49,7 +50,6 @@ from planfit.pipeline.predicted_error import (
     interpolated,
     predicted_covariance,
     spread_of_rivals,
-    stated_covariances,
 )
 from planfit.pipeline.prepare import PreparedScan
 from planfit.pipeline.storeys import judge_storeys
@@ -251,7 +251,7 @@ def gather_evidence(
 
     def without(fold: int) -> tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, "s 6 6"]]:
         problem = problem_of(*without_fold(measurements, adjustment.correspondences, folds, fold))
-        stated = stated_covariances(problem, compared)
+        stated = blocks_of_inverse(problem.terms, problem.unknowns, compared)
         return problem.solve().target_from_cams[: len(solved)], stated
 
     with blas_on_one_thread():
@@ -261,7 +261,7 @@ def gather_evidence(
     problem = build_problem(measurements, options, solved, adjustment.correspondences, extra_terms)
     shared = None if priors is None else shared_error(problem, on_plan, calibration, priors)
     covariances = StatedCovariances(
-        compared, stated_covariances(problem, compared), np.array(stated)
+        compared, blocks_of_inverse(problem.terms, problem.unknowns, compared), np.array(stated)
     )
     covariance = predicted_covariance(
         problem, adjustment.rivals, folds, by_fold, covariances, rng, shared

@@ -27,9 +27,9 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan
 from planfit.priors import CLEAR_ODDS
-from planfit.scan.odometry import unusualness, usual_step
+from planfit.scan.odometry import step_sizes, unusualness, usual_step
 from planfit.tracking import Tracking, with_open_steps
-from planfit.tracking.breaks import MIN_JUMP_DEG, MIN_JUMP_M, is_far
+from planfit.tracking.breaks import MIN_JUMP_M, are_far, is_far
 from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
@@ -131,10 +131,9 @@ class _Walk:
         gain = unusualness(self.recorded, usual) - unusualness(told, usual)
         is_none = self.is_whole | leaps(told, self.recorded, usual[0])
         # Of places that explain a part alike, as those along a corridor do, one without a jump.
-        off = se3.inverse(self.recorded) @ told
-        angles_deg = np.rad2deg(se3.rotation_angle(off[:, :3, :3]))
-        is_near = (np.linalg.norm(off[:, :3, 3], axis=1) < MIN_JUMP_M) & (angles_deg < MIN_JUMP_DEG)
-        return np.where(is_near, 0.0, np.where(is_none, -np.inf, gain / 2.0 - PRICE))
+        lengths, angles = step_sizes(se3.inverse(self.recorded) @ told)
+        odds = np.where(is_none, -np.inf, gain / 2.0 - PRICE)
+        return np.where(are_far(lengths, np.rad2deg(angles)), odds, 0.0)
 
 
 def placed_by_parts(

@@ -14,8 +14,6 @@ from planfit.adjust import AdjustmentProblem, Rival
 from planfit.adjust.torn_steps import step_departures
 from planfit.adjust.uncertainty import ErrorModel, SharedError, model_errors, pose_covariances
 from planfit.geometry import se3
-from planfit.lsq.covariance import factorised
-from planfit.lsq.normal_equations import NormalEquations
 from planfit.pipeline.folds import Folds
 from planfit.priors import SURE_SIGMAS
 
@@ -110,16 +108,6 @@ def frames_compared(stretch: Int[np.ndarray, " k"]) -> Int[np.ndarray, " s"]:
     return np.unique([0, *middles, len(stretch) - 1])
 
 
-def stated_covariances(
-    problem: AdjustmentProblem, frames: Int[np.ndarray, " s"]
-) -> Float[np.ndarray, "s 6 6"]:
-    """Blocks of the inverse normal equations where a problem begins; huge where nothing holds a frame."""
-    unknowns = problem.unknowns
-    parts = [term.reweight(unknowns)[0].normal_blocks(unknowns) for term in problem.terms]
-    factors = factorised(NormalEquations(parts, len(unknowns)))
-    return np.stack([factors.inverse(6 * int(frame) + np.arange(6)) for frame in frames])
-
-
 def larger_of(
     one: Float[np.ndarray, "k 6 6"], other: Float[np.ndarray, "k 6 6"]
 ) -> Float[np.ndarray, "k 6 6"]:
@@ -160,13 +148,9 @@ def _by_residuals(
     most = MAX_COVARIANCES if problem.gauge is None else MAX_ALIGNED_COVARIANCES
     some = np.unique(np.linspace(0, n - 1, min(n, most)).astype(int))
     model = error_model(problem, folds.stretch, rng)
-    if problem.gauge is not None or shared is None:
-        found = interpolated(
-            pose_covariances(model, problem.unknowns, some, shared), np.arange(n), some
-        )
-        return found, found
-    own = pose_covariances(model, problem.unknowns, some)
-    whole = own + shared.of_poses(some)
+    is_free = problem.gauge is not None
+    own = pose_covariances(model, problem.unknowns, some, shared if is_free else None)
+    whole = own if is_free or shared is None else own + shared.of_poses(some)
     return interpolated(own, np.arange(n), some), interpolated(whole, np.arange(n), some)
 
 

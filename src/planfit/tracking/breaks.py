@@ -302,7 +302,14 @@ def is_large(displaced: Float[np.ndarray, "4 4"], pivot: Float[np.ndarray, "3"])
 
 def is_far(way_m: float, angle_deg: float) -> bool:
     """Whether a tracker that went astray by so much has jumped."""
-    return way_m >= MIN_JUMP_M or angle_deg >= MIN_JUMP_DEG
+    return bool(are_far(np.array([way_m]), np.array([angle_deg]))[0])
+
+
+def are_far(
+    way_m: Float[np.ndarray, " s"], angle_deg: Float[np.ndarray, " s"]
+) -> Bool[np.ndarray, " s"]:
+    """The same of many."""
+    return (way_m >= MIN_JUMP_M) | (angle_deg >= MIN_JUMP_DEG)
 
 
 def _is_seen_from_both_sides(votes: Votes, found: Displacement, contradicts: np.ndarray) -> bool:
