@@ -38,7 +38,8 @@ COLUMNS = [shapely.box(8, 2, 8.4, 2.4), shapely.box(2.5, 5, 2.9, 5.4)]
           "carpintería"], Role.OPENING),
         (["A-WALL-PATT", "A-WALL-IDEN", "A-WALL-HEAD-TEXT", "A-FLOR-STRS", "Wandlampen", "Schrankwand",
           "Bemaßung Wände", "Wandschraffur", "mobiliario", "Cotas", "Arredi", "Maatvoering", "ריהוט",
-          "A-ANNO-DIMS"], Role.NO_WALL),
+          "A-ANNO-DIMS", "A-WALL-FNSH", "A-WALL-SYMB", "A-WALL-HEAD", "E-POWR-WALL", "P-SANR",
+          "A-FLOR-PFIX", "Paths", "Portals"], Role.NO_WALL),
         (["Furnishing", "Sanitärobjekte", "AMENAGEMENT", "Wyposażenie", "MOBİLYA", "LVTRY", "KALUSTEET",
           "BÚTOR", "Garten", "Stellplätze", "Elektro", "CONTOURS"], Role.NO_WALL),
         # Overhead, as two lines from wall to wall.

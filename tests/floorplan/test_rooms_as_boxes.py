@@ -212,3 +212,24 @@ def test_of_a_pile_of_floors_that_stay_which_show() -> None:
     assert 3 < len(found) == len(shown) < 60
     assert all(fill.polygon.covers(one.polygon.buffer(-1e-9))
                for fill, one in zip(shown, found, strict=True))  # fmt: skip
+
+
+@pytest.mark.parametrize("named", ['class="dim"', 'class="dim-line"', 'class="cota"', ""])
+@pytest.mark.parametrize("has_rooms", [False, True])
+def test_lines_beside_walls_drawn_as_single_lines_are_not_their_other_face(
+    tmp_path: Path, named: str, has_rooms: bool
+) -> None:
+    """Dimension lines 25 units off an outline of 800 were; of rooms that touch too."""
+    outline = (100.0, 100.0, 700.0, 500.0)
+    rooms: list[Box] = [(100, 100, 300, 500), (400, 100, 400, 250), (400, 350, 400, 250)]
+    if has_rooms:
+        drawn = [box(at, 'fill="#fff4e0" stroke="#222" stroke-width="3"') for at in rooms]
+    else:
+        wall = 'class="wall" fill="none" stroke="#222" stroke-width="3"'
+        inner = [line((400, 100, 400, 600), wall), line((400, 350, 800, 350), wall)]
+        drawn = [box(outline, wall), *inner]
+    beside: list[Line] = [(100, 75, 800, 75), (75, 100, 75, 600), (400, 625, 800, 625)]
+    drawn += [line(at, f'{named} stroke="#c44"') for at in beside]
+    recall, precision = shares(svg(tmp_path / "plan.svg", *drawn), sides(*rooms))
+    assert recall > 0.98
+    assert precision > 0.98

@@ -15,6 +15,7 @@ from planfit.floorplan.faces import (
     PARALLEL_SINE,
     Partners,
     connected_groups,
+    covered_lengths,
     find_partners,
     line_strings,
     weighted_median,
@@ -152,6 +153,7 @@ def faces_of_lines(
     near = find_partners(
         ends, thickness.most, thickness.least, 0.5 * thickness.least, PARALLEL_SINE
     )
+    near = near.take(~_are_beside_single(ends, near, is_surely_wall))
     is_long = near.high - near.low > 0.8 * np.abs(near.gap)
     pairs = near.take(is_long & ~_is_free_between(ends, near, free_side))
     # The other face of a wall is known by the first, unless both lie beside it: then it is within the wall.
@@ -175,6 +177,19 @@ def faces_of_lines(
     in_wall = _standing(ends, pairs, thickness, is_surely_wall, reach)
     pairs = pairs.take(in_wall[pairs.line])
     return _faces(ends, _with_short(ends, pairs, near, wall_side), wall_side, thickness)
+
+
+def _are_beside_single(
+    ends: Float[np.ndarray, "n 2 2"], near: Partners, is_called: Bool[np.ndarray, " n"]
+) -> Bool[np.ndarray, " p"]:
+    """Pairs of a line that is called wall and one that is not, where most lines that are have no other of
+    them beside them: walls are drawn as single lines there, and dimension and grid lines run beside them."""
+    both, one = is_called[near.line] & is_called[near.partner], is_called[near.line]
+    paired = covered_lengths(near.line[both], near.low[both], near.high[both], len(ends))
+    length = segments.lengths(ends)
+    if paired[is_called].sum() > MOSTLY * length[is_called].sum():
+        return np.zeros(len(one), dtype=bool)
+    return one != is_called[near.partner]
 
 
 def _is_free_between(

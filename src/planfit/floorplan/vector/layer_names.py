@@ -67,7 +67,9 @@ _NO_WALL = """
     beam beams girder girders joist joists rafter rafters purlin purlins
     handrail handrails hral railing railings overhead ovhd above case casework appl cntr centerline
     centreline header lintel demo demolition sketch projection furnishing furnishings millwork lvtry
-    circulation circulations route routes arrow arrows escape evacuation evac egress guide guides guideline
+    circulation circulations route routes paths portal portals waypoint waypoints
+    arrow arrows escape evacuation evac egress guide guides guideline
+    fnsh symb head sanr htng domw powr comm sprn pfix wdwk detl
     guidelines measurement measurements measure measures radiator radiators heater heaters
     garden gardens parking contour contours property vports zone zones elevation elevations
     mobilier mobiliers meuble meubles cote cotes cotation cotations texte textes escalier escaliers hachure
@@ -105,8 +107,8 @@ _NO_WALL = """
 """
 _THINGS = """
     furniture furn desk desks chair chairs table tables couch sofa sofas shelf shelves bench benches lamp
-    lamps tree trees dimension dimensions dims arrow arrows route routes mobel moebel meuble
-    meubles mobilier mobili muebles
+    lamps tree trees dimension dimensions dim dims bemassung masslinie masslinien cota cotas grid gridline
+    gridlines arrow arrows route routes mobel moebel meuble meubles mobilier mobili muebles
 """
 """Of the words for what is no wall, those that a single shape is named by, first of all. Others name rooms as
 well (a layer `kitchen` holds furniture, a shape `kitchen` or `bed_2` is a room), or how text is set."""
