@@ -8,7 +8,7 @@ import pytest
 import shapely
 
 from plan_files import VILLA_DOORS, door_lines, make_villa, write_dxf
-from planfit.floorplan import read_floorplan
+from planfit.floorplan import PlanOptions, read_floorplan
 from planfit.floorplan.elements import opening_element
 from planfit.floorplan.gaps import find_gaps
 from planfit.floorplan.vector.arcs import fit_circle
@@ -180,3 +180,27 @@ def test_jambs_are_doors_where_doors_with_swings_have_them(tmp_path: Path, at_sw
     assert plan.source.opening_kinds == expected
     if at_swings:
         assert any("2 openings between jambs" in words for words in plan.source.dropped)
+
+
+@pytest.mark.parametrize("depth_m", [0.85, 1.2])
+@pytest.mark.parametrize("layers", [(), ("Wall",)])
+def test_a_door_at_the_end_of_a_narrow_room(
+    tmp_path: Path, depth_m: float, layers: tuple[str, ...]
+) -> None:
+    """The room's side, 0.1 m behind the doorway's, is no leaf beside the drawn one. And doors open the walls
+    of chosen layers from where they are."""
+    rooms = [(0, 0, 4, depth_m), (0, depth_m + 0.2, 4, 6), (4.2, 0, 8, 6)]
+    walls = shapely.box(-0.2, -0.2, 8.2, 6.2).difference(
+        shapely.union_all([shapely.box(*room) for room in rooms])
+    )
+
+    def add(document: ezdxf.document.Drawing) -> None:
+        space, layer = document.modelspace(), {"layer": "Door"}
+        space.add_line((4, 0.05), (3.25, 0.05), dxfattribs=layer)
+        space.add_arc((4, 0.05), 0.75, 90, 180, dxfattribs=layer)
+
+    path = write_dxf(tmp_path / "a.dxf", walls, layer="Wall", extra=add)
+    plan = read_floorplan(path, PlanOptions(layers=layers))
+    assert plan.source.opening_kinds == ("1 door",)
+    np.testing.assert_allclose(np.sort(plan.openings[:, 0, 0]), [4.0, 4.2], atol=1e-6)
+    assert plan.lengths.sum() == pytest.approx(walls.length - 1.5, abs=0.3)

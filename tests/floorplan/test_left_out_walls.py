@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import ezdxf
+import numpy as np
 import pytest
 
 from planfit.floorplan import read_floorplan
@@ -35,3 +37,32 @@ def test_lines_from_wall_to_wall_that_were_left_out_are_told(
 ) -> None:
     plan = read_floorplan(drawn(tmp_path / "plan.svg", lines, has_gap))
     assert any("from wall to wall" in words for words in plan.source.warnings) == is_told
+
+
+@pytest.mark.parametrize("layer", ["Base", "Walls existing"])
+def test_an_outline_on_a_layer_of_no_name_is_missed(tmp_path: Path, layer: str) -> None:
+    """Beside one partition on a layer that is called wall; silent before."""
+    drawing = ezdxf.new(units=ezdxf.units.M)
+    corners = [(0, 0), (8, 0), (8, 6), (0, 6)]
+    drawing.modelspace().add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+    for x in (4.0, 4.1):
+        drawing.modelspace().add_line((x, 0), (x, 4.5), dxfattribs={"layer": "Wall new"})
+    drawing.saveas(tmp_path / "plan.dxf")
+    plan = read_floorplan(tmp_path / "plan.dxf")
+    is_told = any("from wall to wall" in words for words in plan.source.warnings)
+    is_read = np.ptp(plan.ends.reshape(-1, 2), axis=0)[0] > 7.9
+    assert (is_told, is_read) == ((True, False) if layer == "Base" else (False, True))
+
+
+def test_a_line_as_long_as_a_front_is_no_pane(tmp_path: Path) -> None:
+    """The rest of an outer wall goes on from the wall beside it, as a pane does."""
+    panes = [(100, v, 420, v) for v in (0, 6)]
+    walls = "M100 0L0 0L0 240L480 240L480 0L420 0L420 6L474 6L474 234L6 234L6 6L100 6Z"
+    text = f'<path d="{walls}" fill="black"/>' + "".join(
+        f'<path d="M{a} {b}L{c} {d}" stroke="black" stroke-width="0.3"/>' for a, b, c, d in panes
+    )
+    (tmp_path / "plan.svg").write_text(
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="-10 -10 500 260">{text}</svg>'
+    )
+    plan = read_floorplan(tmp_path / "plan.svg")
+    assert any("from wall to wall" in words for words in plan.source.warnings)

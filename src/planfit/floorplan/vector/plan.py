@@ -34,7 +34,7 @@ from planfit.floorplan.vector.line_work import WallFaces, longest, outlines
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
-from planfit.floorplan.vector.single_lines import body_of_faces
+from planfit.floorplan.vector.single_lines import LONGEST_PANE, body_of_faces
 from planfit.floorplan.vector.units import scale_of_rooms, unit_of_drawing
 from planfit.floorplan.vector.walls import DrawnWalls, counted_openings, walls_of_drawing
 from planfit.geometry import segments
@@ -45,9 +45,6 @@ FAR_FROM_ORIGIN = 20.0
 """Coordinates further from the origin than this many times the plan's size are moved to it."""
 SIDE = 1200
 """Cells along the longer side of the grid in which is looked at what is drawn between two plans."""
-LONGEST_PANE = 0.4
-"""Lines longer than this share of the drawing that are no faces join no plans: axes and section lines run
-through all that are on a sheet."""
 
 
 def plan_of_drawing(
@@ -171,11 +168,16 @@ def _only(
 
 
 def _roles(path: Path, drawing: VectorDrawing, options: PlanOptions) -> list[Role]:
-    """What each layer holds: as the user says, or by its name, unless no layer is left by that."""
+    """What each layer holds: as the user says, or by its name, unless no layer is left by that. Doors open
+    the walls of chosen layers, whichever layer they are on."""
+    roles = [role_of(name) for name in drawing.layers]
     if options.layers:
         chosen = chosen_layers(path, options.layers, drawing.layers)
-        return [Role.WALL if is_chosen else Role.NO_WALL for is_chosen in chosen]
-    roles = [role_of(name) for name in drawing.layers]
+        others = [Role.OPENING if role == Role.OPENING else Role.NO_WALL for role in roles]
+        return [
+            Role.WALL if is_chosen else other
+            for is_chosen, other in zip(chosen, others, strict=True)
+        ]
     if all(role == Role.NO_WALL for role in roles):
         return [Role.UNKNOWN] * len(roles)
     return roles
@@ -195,7 +197,8 @@ def _walls_and_unit(
         FloorplanError: there are none, or the user's unit makes a building of an absurd size.
     """
     said = options.metres_per_unit
-    walls = first = walls_of_drawing(drawing, roles, said)
+    are_chosen = bool(options.layers)
+    walls = first = walls_of_drawing(drawing, roles, said, are_chosen)
     if len(walls.faces.ends) == 0:
         raise FloorplanError(
             f"{path}: expected walls as double lines, filled or hatched areas, found none in "
@@ -207,7 +210,7 @@ def _walls_and_unit(
     thickness = walls.faces.usual_thickness
     unit = unit_of_drawing(drawing, path, options, size, thickness, bars, rooms)
     if unit.metres is not None and unit.metres != said:
-        again = walls_of_drawing(drawing, roles, unit.metres)
+        again = walls_of_drawing(drawing, roles, unit.metres, are_chosen)
         walls = again if len(again.faces.ends) else walls
     warnings = (*_warnings_on_unit(first, walls, unit), *walls.warnings)
     return replace(walls, warnings=(*warnings, *_doubts(walls))), unit

@@ -37,6 +37,8 @@ BESIDE_REACH = 0.01
 """Of the drawing's size, how near another line is beside one: half a metre of a floor of 50 m."""
 MAX_OUTLINE_LINES = 20_000
 """Closing the areas of 10,000 lines takes 0.4 s; a real floor has 1,000 to 3,000 that may be faces."""
+LONGEST_PANE = 0.4
+"""Of the drawing's size: a line that goes on from a wall for longer is no pane of a window, but its wall."""
 DOUBTFUL_SHARE = 0.15
 """Of the length of faces, long lines that were left out and go from wall to wall: 0.08 at most of 12 plans
 that were read right, 0.39 of a house whose partitions were left out."""
@@ -239,14 +241,15 @@ def _room(ends: Float[np.ndarray, "n 2 2"]) -> float:
 
 
 def left_out_words(candidates: Candidates, faces: WallFaces, extent: float) -> tuple[str, ...]:
-    """A doubt where much that may be partitions is no face; none where layers tell what walls are.
+    """A doubt where much that may be partitions is no face, whatever layers are called: an outer wall may be
+    on layer `base`, and one partition on layer `new wall`.
 
     Args:
         candidates: all lines that were looked at.
         faces: that were found.
         extent: of the drawing.
     """
-    if candidates.is_called_wall.any() or len(faces.ends) == 0:
+    if len(faces.ends) == 0:
         return ()
     left = float(segments.lengths(_lines_between_walls(candidates.ends, faces, extent)).sum())
     share = left / float(segments.lengths(faces.ends).sum())
@@ -268,7 +271,8 @@ def _lines_between_walls(
     near = shapely.union_all(shapely.buffer(walls, 0.5 * BESIDE_REACH * extent))
     body = shapely.union(near, body_of_faces(faces, extent))
     left, _ = cut_out(ends, body, NETWORK * extent)
-    left = left[~_are_panes(left, faces, BESIDE_REACH * extent)]
+    is_short = segments.lengths(left) < LONGEST_PANE * extent
+    left = left[~(is_short & _are_panes(left, faces, BESIDE_REACH * extent))]
     count = -1
     while len(left) not in (0, count):
         count = len(left)

@@ -78,7 +78,10 @@ class DrawnWalls:
 
 
 def walls_of_drawing(
-    drawing: VectorDrawing, roles: list[Role], metres_per_unit: float | None
+    drawing: VectorDrawing,
+    roles: list[Role],
+    metres_per_unit: float | None,
+    are_chosen: bool = False,
 ) -> DrawnWalls:
     """Find the walls of a cleaned drawing.
 
@@ -87,6 +90,7 @@ def walls_of_drawing(
         roles: what each layer holds.
         metres_per_unit: where it is known, walls are 0.03 to 0.62 m thick; otherwise the usual
             distance of neighbouring lines tells.
+        are_chosen: whether the user named the layers of walls: others only open them.
 
     Raises:
         LineWorkTooDense: more lines lie side by side, or cross, than in any plan.
@@ -110,6 +114,8 @@ def walls_of_drawing(
     solids, pieces = opened.solids, opened.pieces
     has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words
+    if are_chosen:
+        has_form &= role[looked_at] == Role.WALL
     is_left_out = np.ones(len(drawing.lines), dtype=bool)
     candidates = _merged(lines.take(has_form), role[looked_at[has_form]], extent)
     candidates = candidates.cut(*cut_out(candidates.ends, opened.area, 1e-3 * extent))
