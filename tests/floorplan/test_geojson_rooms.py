@@ -65,7 +65,8 @@ def test_storeys_told_by_any_property(tmp_path: Path, key: str, values: tuple) -
     rooms += [(room, {"type": "room", key: values[1], "nr": 9 + k}) for k, room in enumerate(LOW)]
     path = written(tmp_path / "a.geojson", rooms)
     plan = read_floorplan(path)
-    assert len(plan.source.storeys) == 2
+    names = [f"{float(value):g}" for value in sorted(values)]
+    assert [name.split(": ")[-1] for name in plan.source.storeys] == names
     assert plan.lengths.sum() == pytest.approx(perimeter(LOW), rel=0.01)
     upper = read_floorplan(path, PlanOptions(storey=plan.source.storeys[1]))
     assert upper.lengths.sum() == pytest.approx(perimeter(HIGH), rel=0.01)

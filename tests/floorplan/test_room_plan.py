@@ -137,6 +137,24 @@ def test_damaged_rooms_end_in_one_line_or_in_a_plan(tmp_path: Path, capsys) -> N
     assert "expected walls captured by RoomPlan, found none" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ({"walls": [{"x1": 0, "y1": 0, "x2": 5, "y2": 0}], "rooms": []}, "rooms and walls"),
+        ({"walls": {"a": {"thickness": 300}}}, "walls"),
+        ({"layers": {"layer-1": {"vertices": {}, "lines": {}}}}, "layers"),
+        ({"floorplan": {"corners": {}, "walls": []}}, "floorplan"),
+    ],
+)
+def test_plans_of_editors_are_to_be_exported(tmp_path: Path, content: dict, found: str) -> None:
+    """Not a room captured by RoomPlan, to be exported again."""
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(content))
+    words = refusal(path) or ""
+    assert f"found the {found} of another program's own form" in words
+    assert "RoomPlan, found" in words
+
+
 @pytest.mark.shared
 @pytest.mark.skipif(not REAL.is_dir(), reason="no real rooms: set PLANFIT_SHARED to their folder")
 @pytest.mark.parametrize(("name", "n_walls", "n_holes"), [("library", 26, 4), ("libroom", 9, 2)])

@@ -66,7 +66,7 @@ def told_storeys(
         is_wall: of all features: rooms may reach under the walls around them.
     """
     standard = [
-        next((str(each[key]) for key in STANDARD if key in each), "") for each in properties
+        next((_as_told(each[key]) for key in STANDARD if key in each), "") for each in properties
     ]
     pairs, are_crossing = _lying_on_one_another([areas[i] for i in rooms])
     of_walls = is_wall[list(rooms)]
@@ -88,7 +88,7 @@ def told_storeys(
         found.sort(key=lambda key: len({each[key] for each in of_rooms}))
         found = found if found and len({each[found[0]] for each in of_rooms}) < len(rooms) else []
     if found:
-        told = [str(each.get(found[0], "")) for each in properties]
+        told = [_as_told(each.get(found[0], "")) for each in properties]
         return ToldStoreys(tuple(told), _in_order(told, properties))
     if not len(pairs):
         return ToldStoreys(("",) * len(properties), ())
@@ -136,6 +136,11 @@ def _in_order(told: Sequence[str], properties: Sequence[Properties]) -> tuple[st
             by_height = {value: next(iter(seen)) for value, seen in heights.items()}
             return tuple(sorted(values, key=lambda value: float(by_height[value] or 0.0)))
     return tuple(values)
+
+
+def _as_told(value: str | float | None) -> str:
+    """Whole numbers without a decimal point, as files have them."""
+    return str(int(value)) if isinstance(value, float) and value.is_integer() else str(value)
 
 
 def _is_number(value: str) -> bool:

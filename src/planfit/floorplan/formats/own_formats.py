@@ -18,6 +18,9 @@ from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.geometry import segments
 from planfit.runtime import write_whole
 
+_OF_EDITORS = {"walls", "rooms", "floorplan", "layers", "corners", "floors"}
+"""What JSON of editors of floorplans holds: react-planner layers, blueprint3d a floorplan of corners."""
+
 
 def write_floorplan_json(path: Path, floorplan: Floorplan) -> None:
     """Write planfit's own form, lossless; see docs/formats.md."""
@@ -115,6 +118,12 @@ def _of_another_kind(content: object) -> str:
         )
     if content.get("type") in ("FeatureCollection", "Feature"):
         return "GeoJSON; rename it to .geojson"
+    parts = sorted(_OF_EDITORS & set(content))
+    if "faces" not in content and parts:
+        return (
+            f"the {' and '.join(parts)} of another program's own form, which is not read; export the plan "
+            "from that program as DXF, SVG, PDF or IFC"
+        )
     return ""
 
 

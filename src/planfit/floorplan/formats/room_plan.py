@@ -57,14 +57,18 @@ class Surface:
 
 
 def is_room_plan(content: object) -> bool:
-    """Whether JSON is of RoomPlan: it holds walls, or rooms with walls, and no faces of planfit's."""
+    """Whether JSON is of RoomPlan: it holds walls, or rooms with walls, and no faces of planfit's. Walls of
+    other programs have no `transform`."""
     if not isinstance(content, dict) or "faces" in content or content.get("type"):
         return False
     rooms = content.get("rooms")
-    is_structure = isinstance(rooms, list) and any(
-        isinstance(room, dict) and "walls" in room for room in rooms
+    owners = [content, *(rooms if isinstance(rooms, list) else [])]
+    lists = [each.get("walls") for each in owners if isinstance(each, dict)]
+    lists = [walls for walls in lists if isinstance(walls, list)]
+    found = [wall for walls in lists for wall in walls]
+    return bool(lists) and (
+        not found or any("transform" in w for w in found if isinstance(w, dict))
     )
-    return isinstance(content.get("walls"), list) or is_structure
 
 
 def plan_of_rooms(content: dict[str, Any], path: Path, options: PlanOptions) -> Floorplan:
