@@ -486,7 +486,28 @@ def test_sigmas_and_observations_reach_the_information(walk) -> None:
 
     assert size(sigma_base_m=0.1) < 0.5 * size()
     assert size(sigma_per_m=0.05) < 0.5 * size()
-    assert size(max_observations=4.0) < 0.5 * size()
+    assert size(view_observations=2.0) < 0.5 * size()
+    assert size(floor_m=0.03) < 0.5 * size()
+    assert size(bias=2.0) < 0.5 * size()
+    assert size(pairs_alike=6.0) == pytest.approx(0.5 * size())
+
+
+def test_a_direction_that_little_holds_is_held_little(walk) -> None:
+    """By an error that all surfaces share, motion is bent by as much over what of it they observe."""
+    poses = [look((2.0, 1.8, 1.5), 35, 15), look((2.3, 2.0, 1.55), 43, 10)]
+    grids, true = grids_of(poses, boxes=BOXES), se3.inverse(poses[0]) @ poses[1]
+
+    def sigmas(bias: float) -> np.ndarray:
+        with with_constants(register_module, bias=bias, floor_m=0.0, view_observations=1e9):
+            return np.sqrt(observe(grids, 0, 1, true).variances)
+
+    by_noise, by_bias = sigmas(0.0), sigmas(1e3)
+    held = np.isfinite(by_noise)
+    assert by_noise[held].max() > 2 * by_noise[held].min()
+    # Of noise, variances are one over what observes; of a bias, sigmas are.
+    np.testing.assert_allclose(
+        by_bias[held] / by_bias[held].min(), (by_noise[held] / by_noise[held].min()) ** 2, rtol=1e-3
+    )
 
 
 @pytest.mark.slow

@@ -16,7 +16,6 @@ from planfit.matching.surfaces.registration_kernels import (
     observed,
     sums_at,
 )
-from planfit.matching.view_agreement import MAX_OBSERVATIONS
 
 SIGMA_BASE_M, SIGMA_PER_M = 0.015, 0.005
 """Standard deviation of a surface about its plane at no distance, m, and its growth with depth."""
@@ -25,9 +24,16 @@ MIN_OBSERVED = 0.02
 on average; in others, such as along a corridor, a pair says nothing."""
 _LEAST_FACTOR = 0.05
 """On the variance of a surface: what all of an image shares does not show in distances."""
-FLOOR_M = 0.0075
+FLOOR_M = 0.003
 """No motion is surer than this, each axis, rotations by their lever: exposure takes its time, and depth errs
 alike all over an image."""
+BIAS = 0.13
+"""Of the root mean square distance from surfaces, by how much all of them are off together, times the cosine
+to a direction of motion: it bends the motion by as much over the mean squared cosine, be there ever so many
+cells. Where little of what is seen holds a direction, normals that err hold it at the motion that was
+recorded."""
+PAIRS_ALIKE = 3.0
+"""On variances: each view is in six pairs with its neighbours, which share what it errs by."""
 AGREE_M, AGREE_PER_M = 0.03, 0.015
 """Distance of a cell from the other view's surface up to which they agree, and its growth with depth."""
 RIVAL_M, RIVAL_DEG = 0.3, 4.0
@@ -137,10 +143,12 @@ def observe(grids: SurfaceGrids, i: int, j: int, a_from_b: Float[np.ndarray, "4 
     values, vectors, scaling = observed(hessian, sums, a_from_b)
     # What the distances are, against what these sigmas say of them: depth cameras differ tenfold.
     factor = max(sums[6] / max(sums[0], 1.0), _LEAST_FACTOR)
-    worth = min(1.0, MAX_OBSERVATIONS / max(sums[0], 1.0)) / factor
+    worth = min(1.0, VIEW_OBSERVATIONS / max(sums[0], 1.0)) / factor
+    bias_m = BIAS * np.sqrt(sums[6] / max(sums[1], 1e-12))
     is_held = values > MIN_OBSERVED * sums[1]
     with np.errstate(divide="ignore", invalid="ignore"):
-        variances = np.where(is_held, 1.0 / (worth * values) + FLOOR_M**2, np.inf)
+        one = 1.0 / (worth * values) + FLOOR_M**2 + (bias_m * sums[1] / values) ** 2
+        variances = np.where(is_held, PAIRS_ALIKE * one, np.inf)
     # The least squares H d + C s = 0 of a sensor's change s, along observed directions.
     held = scaling @ vectors[:, is_held]
     by_sensor = -held @ ((held.T @ across) / values[is_held, None])
