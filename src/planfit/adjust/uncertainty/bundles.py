@@ -1,4 +1,4 @@
-"""What each bundle of points says as one: a wall patch, a frame's floor, the matches of a pair.
+"""What each bundle says as one: the points of a wall patch, a frame's floor, the matches of a pair; a step.
 
 The points of a bundle share most of their error (docs/adr/0003-effective-observations.md), so how they
 scatter about their own mean says little of it. Their mean does, beside those of other bundles.
@@ -22,18 +22,13 @@ levels off, the poses are held by what the sum does not show."""
 
 @dataclass(frozen=True)
 class Bundles:
-    """Mean residuals of b bundles of a term, d numbers each, as if they were least squares.
+    """Mean residuals of b bundles of a term, d numbers each, as if they were least squares: the product of
+    residual and weight is the pull on the poses."""
 
-    Weights and residuals are those of the robust loss's own curvature: their product is the pull on the
-    poses.
-    """
-
-    moments: PlaneMoments | PairMoments
-    """Of all points, by the curvature."""
     residuals: Float[np.ndarray, "b d"]
-    """m, target axes."""
+    """m, target axes; of recorded steps in sigmas."""
     weights: Float[np.ndarray, " b"]
-    """1/m^2, the stated sigmas and effective observations in them."""
+    """One over their squares, the stated sigmas and effective observations in them."""
     jacobian: sparse.csr_array
     """(b d, 6 n): of the residuals by the tangents of n poses."""
     cluster: Int[np.ndarray, " b"]
@@ -47,11 +42,19 @@ class Bundles:
         return len(self.labels)
 
 
+@dataclass(frozen=True)
+class PointBundles(Bundles):
+    """Bundles of points; weights and residuals are those of the robust loss's own curvature."""
+
+    moments: PlaneMoments | PairMoments
+    """Of all points, by the curvature."""
+
+
 def plane_bundles(
     groups: PlaneGroups,
     target_from_cams: Float[np.ndarray, "n 4 4"],
     cluster: Int[np.ndarray, " k"],
-) -> Bundles:
+) -> PointBundles:
     """Of groups of points on planes; groups of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
     assert isinstance(moments, PlaneMoments)  # summed on the CPU
@@ -67,12 +70,12 @@ def plane_bundles(
     rows = np.concatenate([np.cross(levers, planes[:, :3]), planes[:, :3]], axis=1)
     jacobian = sparse_rows(rows[:, None, None], moments.pose_idx[seen, None], len(target_from_cams))
     labels, without_gaps = np.unique(cluster[seen], return_inverse=True)
-    return Bundles(moments, residuals[:, None], weights[seen], jacobian, without_gaps, labels)
+    return PointBundles(residuals[:, None], weights[seen], jacobian, without_gaps, labels, moments)
 
 
 def pair_bundles(
     groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"], cluster: Int[np.ndarray, " k"]
-) -> Bundles:
+) -> PointBundles:
     """Of the matches of pairs; pairs of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
     assert isinstance(moments, PairMoments)
@@ -91,7 +94,7 @@ def pair_bundles(
     of_b = np.concatenate([se3.skew(mean_b), -one], axis=2)
     jacobian = sparse_rows(np.stack([of_a, of_b], axis=1), pairs, len(target_from_cams))
     labels, without_gaps = np.unique(cluster[seen], return_inverse=True)
-    return Bundles(moments, residuals, weights, jacobian, without_gaps, labels)
+    return PointBundles(residuals, weights, jacobian, without_gaps, labels, moments)
 
 
 def _curvature(

@@ -18,14 +18,20 @@ from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.walls import WallTerm
-from planfit.adjust.uncertainty.bundles import Bundles, pair_bundles, plane_bundles, sparse_rows
+from planfit.adjust.uncertainty.bundles import (
+    Bundles,
+    PointBundles,
+    pair_bundles,
+    plane_bundles,
+    sparse_rows,
+)
 from planfit.adjust.uncertainty.spreads import (
+    MIN_MOTION_FACTOR,
     Clusters,
     Probes,
     Spread,
     find_motion_factor,
     find_spread,
-    find_step_factors,
 )
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.covariance import Factors, factorised
@@ -33,10 +39,13 @@ from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.residual_term import WeightedResiduals
 from planfit.lsq.robust import loss_value
 from planfit.lsq.term import Term
+from planfit.scan.odometry import FIXED_M
 
 DRAWN_SIGMA_M = 0.01
 """Of walls about where they are drawn, before anything is seen of them; no other error is thought to be
 shared."""
+AXES_OF_STEPS = ([0, 1], [2], [3, 4], [5])
+"""Tilt, heading, way and height among the six numbers of a step (rotation, translation), z up."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +61,7 @@ class ErrorModel:
     """Rigid motions that nothing fixed holds, axes of `rigid_tangents`; each is held at the first camera."""
     spreads: dict[str, Spread]
     """Of each term whose residuals tell them."""
-    bundles: dict[str, Bundles]
+    bundles: dict[str, PointBundles]
     """Of the same terms."""
 
 
@@ -91,7 +100,10 @@ def model_errors(
         own = bundles.get(term.name)
         if own is None:
             if isinstance(term, OdometryTerm):
-                part = _of_steps(term, unknowns, misfit, probes)
+                steps = Steps.of(term, unknowns)
+                found = steps.spreads(stretch, factors, probes, rng)
+                part = steps.noise([spread.factor for spread, _ in found], misfit)
+                pulls += [spread.shared_m * clusters.pull for spread, clusters in found]
             elif isinstance(term, SurfaceTerm):
                 factor = _of_surfaces(term, unknowns, probes)
                 part = replace(part, blocks=factor * part.blocks)
@@ -126,7 +138,7 @@ def _held_at_first(
 
 def _bundles(
     term: Term, unknowns: Float[np.ndarray, "u 4 4"], stretch: Int[np.ndarray, " n"]
-) -> Bundles | None:
+) -> PointBundles | None:
     """Bundles of a term over points, by what their errors are shared with; None of another."""
     found = None
     if isinstance(term, WallTerm):
@@ -141,26 +153,79 @@ def _bundles(
     return None if found is None or len(found.weights) == 0 else found
 
 
-def _of_steps(
-    term: OdometryTerm,
-    unknowns: Float[np.ndarray, "u 4 4"],
-    misfit: Float[np.ndarray, " n"],
-    probes: Probes,
-) -> NormalBlocks:
-    """The recorded steps' part of the gradient's covariance."""
-    weighted, rows = term.reweight(unknowns)[0], term.between.rows
-    k, information = len(weighted.information), weighted.information
-    # Departures have the axes of the second camera; sigmas are the same along all three of them.
-    upright = np.zeros((k, 6, 6))
-    upright[:, :3, :3] = upright[:, 3:, 3:] = unknowns[term.between.pairs[:, 1], :3, :3]
-    by_ends = (upright @ rows.jacobians(unknowns)).reshape(k, 6, 2, 6).transpose(0, 2, 1, 3)
-    jacobian = sparse_rows(by_ends, term.between.pairs, len(unknowns))
-    residuals = np.einsum("kij,kj->ki", upright, rows.residuals(unknowns))
-    factors = find_step_factors(residuals, information, jacobian, probes)
-    # Where the tracker was worse than it said, in a stretch of its own, that counts.
-    by_step = np.where(misfit[:k, None] > 1.0, np.maximum(misfit[:k, None], factors), factors)
-    noise = (np.swapaxes(upright, 1, 2) * (by_step * information)[:, None]) @ upright
-    return WeightedResiduals(rows, noise).normal_blocks(unknowns)
+@dataclass(frozen=True)
+class Steps:
+    """k recorded steps where an adjustment ended: departures (rotation, translation), axes whose z is up."""
+
+    term: OdometryTerm
+    unknowns: Float[np.ndarray, "u 4 4"]
+    upright: Float[np.ndarray, "k 6 6"]
+    """To those axes from the second camera's. Sigmas are the same along all three of either."""
+    residuals: Float[np.ndarray, "k 6"]
+    information: Float[np.ndarray, "k 6"]
+    """Robust weights in it."""
+    jacobian: sparse.csr_array
+    """(6 k, 6 u): of the residuals by the tangents of the poses."""
+
+    @staticmethod
+    def of(term: OdometryTerm, unknowns: Float[np.ndarray, "u 4 4"]) -> "Steps":
+        """Of a term."""
+        rows, information = term.between.rows, term.reweight(unknowns)[0].information
+        k = len(information)
+        upright = np.zeros((k, 6, 6))
+        upright[:, :3, :3] = upright[:, 3:, 3:] = unknowns[term.between.pairs[:, 1], :3, :3]
+        by_ends = (upright @ rows.jacobians(unknowns)).reshape(k, 6, 2, 6).transpose(0, 2, 1, 3)
+        return Steps(
+            term,
+            unknowns,
+            upright,
+            np.einsum("kij,kj->ki", upright, rows.residuals(unknowns)),
+            information,
+            sparse_rows(by_ends, term.between.pairs, len(unknowns)),
+        )
+
+    def spreads(
+        self,
+        stretch: Int[np.ndarray, " n"],
+        factors: Factors,
+        probes: Probes,
+        rng: np.random.Generator,
+    ) -> list[tuple[Spread, Clusters]]:
+        """Of tilt, heading, way and height: a tracker that feels gravity is surer of the first and the last.
+        Cameras that are fixed to each other do not drift."""
+        recorded = self.term.odometry
+        sigmas = np.stack([recorded.sigma_rotation, recorded.sigma_translation], axis=1)
+        sigmas = np.repeat(sigmas, 3, axis=1)
+        moving = np.flatnonzero(sigmas[:, 3] > FIXED_M)
+        first = self.term.between.pairs[moving, 0]
+        labels, cluster = np.unique(stretch[first], return_inverse=True)
+        found = []
+        for axes in AXES_OF_STEPS:
+            rows, sigma = (6 * moving[:, None] + axes).ravel(), sigmas[moving][:, axes]
+            bundles = Bundles(
+                self.residuals[moving][:, axes] / sigma,
+                self.information[moving, axes[0]] * sigma[:, 0] ** 2,
+                sparse.csr_array(sparse.diags_array(1.0 / sigma.ravel()) @ self.jacobian[rows]),
+                cluster,
+                labels,
+            )
+            clusters = Clusters.of(bundles)
+            found.append((find_spread(bundles, clusters, factors, probes, rng, 0.0), clusters))
+        return found
+
+    def noise(self, factors: Sequence[float], misfit: Float[np.ndarray, " n"]) -> NormalBlocks:
+        """The steps' part of the gradient's covariance, by factors on the variances of tilt, heading, way and
+        height."""
+        by_axis = np.ones(6)
+        for axes, factor in zip(AXES_OF_STEPS, factors, strict=True):
+            by_axis[axes] = max(factor, MIN_MOTION_FACTOR)
+        # Where the tracker was worse than it said, in a stretch of its own, that counts.
+        worse = misfit[: len(self.residuals), None]
+        by_step = np.where(worse > 1.0, np.maximum(worse, by_axis), by_axis)
+        noise = np.swapaxes(self.upright, 1, 2) @ (
+            (by_step * self.information)[:, :, None] * self.upright
+        )
+        return WeightedResiduals(self.term.between.rows, noise).normal_blocks(self.unknowns)
 
 
 def _of_surfaces(term: SurfaceTerm, unknowns: Float[np.ndarray, "u 4 4"], probes: Probes) -> float:

@@ -1,7 +1,8 @@
 """What residuals say of the sigmas that a term was given, and of errors that many of its bundles share.
 
 A bundle's mean residual is taken for the sum of an error of its own and one that it shares with all others
-of its cluster: the patches of one wall, the pairs of one visit. Both variances come from two sums of
+of its cluster: the patches of one wall, the pairs of one visit, the steps of one stretch of the walk, as a
+tracker drifts the same way for a while. Both variances come from two sums of
 squares, about the clusters' means and of these means (variance components, Searle et al. 1992), less what
 fitting the poses took out of them. That a thousand points of a wall which is drawn 2 cm off agree with each
 other then says nothing.
@@ -31,9 +32,6 @@ else measures, and one that neighbouring pairs of views share none between them:
 better than a third of the sigma that it claims. A quarter and a tenth were tried: mean squares of poses 0.64
 and 0.70 of what is stated on the scans for choosing, ConSLAM's the same."""
 
-TILT, HEADING, WAY, HEIGHT = (slice(0, 2), slice(2, 3), slice(3, 5), slice(5, 6))
-"""Of the six numbers of a step (rotation, translation), in axes whose z is up."""
-
 
 @dataclass(frozen=True)
 class Spread:
@@ -42,7 +40,8 @@ class Spread:
     factor: float
     """On the variance of each bundle's own error, as stated by sigma and effective observations."""
     shared_m: float
-    """Standard deviation, m, each axis, of the error that all bundles of a cluster share."""
+    """Standard deviation, each axis, of the error that all bundles of a cluster share: m; of recorded steps
+    in sigmas."""
 
 
 @dataclass(frozen=True)
@@ -153,33 +152,6 @@ def shared_variance(
     shared = STATED_CLUSTERS * prior_m**2 + n_seen * seen
     # Two less: the mean of a variance that so few were seen of (inverse gamma).
     return shared / (STATED_CLUSTERS + n_seen - 2.0)
-
-
-def find_step_factors(
-    residuals: Float[np.ndarray, "k 6"],
-    information: Float[np.ndarray, "k 6"],
-    jacobian: sparse.csr_array,
-    probes: Probes,
-) -> Float[np.ndarray, "6"]:
-    """Factors on the variances of recorded steps, for each of the six numbers of one.
-
-    A tracker that feels gravity is surer of tilt and height than of heading and way, so those are told apart.
-
-    Args:
-        residuals: departures of the steps (rotation, translation), target axes, z up.
-        information: of each number, robust weights in it.
-        jacobian: (6 k, 6 n), of the residuals by the tangents of n poses.
-        probes: of the normal equations of all terms.
-    """
-    factors = np.ones(6)
-    for axes in (TILT, HEADING, WAY, HEIGHT):
-        weights = np.zeros_like(information)
-        weights[:, axes] = information[:, axes]
-        left = weights.astype(bool).sum() - probes.trace(jacobian, weights.ravel())
-        squares = float(np.sum(weights * residuals**2))
-        factor = (STATED_BUNDLES + squares) / (STATED_BUNDLES + max(left, 0.0))
-        factors[axes] = max(factor, MIN_MOTION_FACTOR)
-    return factors
 
 
 def find_motion_factor(
