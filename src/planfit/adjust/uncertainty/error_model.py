@@ -193,9 +193,8 @@ class Steps:
     ) -> list[tuple[Spread, Clusters]]:
         """Of tilt, heading, way and height: a tracker that feels gravity is surer of the first and the last.
         Cameras that are fixed to each other do not drift."""
-        recorded = self.term.odometry
-        sigmas = np.stack([recorded.sigma_rotation, recorded.sigma_translation], axis=1)
-        sigmas = np.repeat(sigmas, 3, axis=1)
+        sigmas = self.term.between.sigma
+        assert isinstance(sigmas, np.ndarray)
         moving = np.flatnonzero(sigmas[:, 3] > FIXED_M)
         first = self.term.between.pairs[moving, 0]
         labels, cluster = np.unique(stretch[first], return_inverse=True)

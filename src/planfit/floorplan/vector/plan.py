@@ -173,11 +173,8 @@ def _roles(path: Path, drawing: VectorDrawing, options: PlanOptions) -> list[Rol
     roles = [role_of(name) for name in drawing.layers]
     if options.layers:
         chosen = chosen_layers(path, options.layers, drawing.layers)
-        others = [Role.OPENING if role == Role.OPENING else Role.NO_WALL for role in roles]
-        return [
-            Role.WALL if is_chosen else other
-            for is_chosen, other in zip(chosen, others, strict=True)
-        ]
+        roles = [role if role == Role.OPENING else Role.NO_WALL for role in roles]
+        return [Role.WALL if own else role for own, role in zip(chosen, roles, strict=True)]
     if all(role == Role.NO_WALL for role in roles):
         return [Role.UNKNOWN] * len(roles)
     return roles

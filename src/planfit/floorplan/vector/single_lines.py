@@ -38,7 +38,8 @@ BESIDE_REACH = 0.01
 MAX_OUTLINE_LINES = 20_000
 """Closing the areas of 10,000 lines takes 0.4 s; a real floor has 1,000 to 3,000 that may be faces."""
 LONGEST_PANE = 0.4
-"""Of the drawing's size: a line that goes on from a wall for longer is no pane of a window, but its wall."""
+"""Of the drawing's size: a line that goes on from a wall for longer is no pane of a window, but its wall. Nor
+does one join two plans: axes and section lines run through all that are on a sheet."""
 DOUBTFUL_SHARE = 0.15
 """Of the length of faces, long lines that were left out and go from wall to wall: 0.08 at most of 12 plans
 that were read right, 0.39 of a house whose partitions were left out."""
