@@ -285,6 +285,11 @@ DRIFT_SHARE = Prior(
     "No tracker loses as much of a path: published ones lose 0.5 to 2 % (KITTI odometry benchmark). What "
     "says so is in error.",
 )
+TRACKER_TILT_SIGMA_DEG = Prior(
+    1.0,
+    "Of a tracker that measures gravity, as those of phones and headsets do: accelerometers hold it within "
+    "a degree while they are carried. Chosen here.",
+)
 SURVEYED_POINT_SIGMA_M = Prior(
     0.01,
     "What a total station with a prism held by hand or a good GNSS fix gives, of points whose file tells "

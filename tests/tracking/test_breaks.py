@@ -18,8 +18,12 @@ from planfit.tracking.types import without_leaps
 USUAL = OdometryOptions()
 
 
-def judged(poses, motions, **options):
-    return judge_tracking(poses, motions, "recorded", USUAL, TrackingOptions(**options))
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def judged(poses, motions, up_world=None, **options):
+    options = TrackingOptions(**options)
+    return judge_tracking(poses, motions, "recorded", USUAL, options, up_world)
 
 
 def step_errors(poses, true):
@@ -318,3 +322,47 @@ def test_where_surfaces_leave_a_direction_free_the_walk_goes_on_after_a_jump(rng
     assert off_rad < np.deg2rad(1.0)
     # Unsure by half a step along the corridor, and by little across.
     assert 0.1 < tracking.odometry.sigma_translation[step] < 0.3
+
+
+def jumped(poses, step, tilt_deg=0.0):
+    """From a step on moved, turned about the vertical, and then pitched."""
+    turn = se3.exp_so3(np.deg2rad([0.0, 0.0, 15.0])) @ se3.exp_so3(np.deg2rad([0.0, tilt_deg, 0.0]))
+    centre = poses[step + 1, :3, 3]
+    spoilt = poses.copy()
+    moved = se3.make_transform(turn, centre - turn @ centre + [0.3, 0.9, 0.0])
+    spoilt[step + 1 :] = moved @ spoilt[step + 1 :]
+    return spoilt
+
+
+def climbs_m(tracking):
+    return np.abs(np.diff(tracking.world_from_cams[[0, -1], 2, 3]))[0]
+
+
+def pitched(motions, step, pitch_deg, sigma_deg):
+    """The motions over a step as surfaces show them that hardly tell which way is level."""
+    over = (motions.pairs[:, 0] <= step) & (motions.pairs[:, 1] > step)
+    a_from_b, covariance = motions.a_from_b.copy(), motions.covariance.copy()
+    a_from_b[over, :3, :3] = se3.exp_so3(np.deg2rad([0.0, pitch_deg, 0.0])) @ a_from_b[over, :3, :3]
+    covariance[over, 1, 1] = np.deg2rad(sigma_deg) ** 2
+    return MeasuredMotions(motions.pairs, a_from_b, covariance, np.full(len(motions), 20))
+
+
+def test_a_tracker_that_knows_gravity_jumps_level_where_surfaces_hardly_tell(rng):
+    true, step = straight(), 30
+    heading = np.deg2rad(10.0) * rng.choice([-1.0, 1.0], size=len(true))
+    true[:, :3, :3] = se3.exp_so3(heading[:, None] * UP)
+    motions = pitched(measure(true, rng, neighbours=3), step, 12.0, sigma_deg=9.0)
+    knows, without = (judged(jumped(true, step), motions, up) for up in (UP, None))
+    assert [found.first_frame for found in knows.breaks] == [step]
+    # 15 m walked on behind the jump.
+    assert climbs_m(knows) < 0.5
+    assert climbs_m(without) > 1.0
+    assert step_errors(knows.world_from_cams, true)[0] < 0.1
+
+
+def test_a_tracker_that_began_anew_askew_is_put_upright(rng):
+    true, step = straight(), 30
+    tracking = judged(jumped(true, step, tilt_deg=20.0), measure(true, rng, neighbours=3), UP)
+    assert [found.first_frame for found in tracking.breaks] == [step]
+    assert climbs_m(tracking) < 0.3
+    assert step_errors(tracking.world_from_cams, true)[1] < np.deg2rad(1.0)

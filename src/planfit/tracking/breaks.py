@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
-from planfit.priors import STEP_AT_VIDEO_RATE_M
+from planfit.priors import STEP_AT_VIDEO_RATE_M, TRACKER_TILT_SIGMA_DEG
 from planfit.scan.odometry import (
     LONG,
     MOST_UNUSUAL,
@@ -93,6 +93,7 @@ def find_displacement(
     world_from_cams: Float[np.ndarray, "n 4 4"],
     odometry: Odometry,
     motions: MeasuredMotions,
+    up_world: Float[np.ndarray, "3"] | None = None,
 ) -> Displacement | None:
     """The displacement that measured motions are most in favour of; None where none is sure.
 
@@ -100,6 +101,7 @@ def find_displacement(
         world_from_cams: poses as recorded, or after earlier displacements.
         odometry: with sigmas that fit this tracker.
         motions: measured.
+        up_world: unit vector against gravity, where the tracker knows it.
     """
     if len(motions) == 0:
         return None
@@ -126,7 +128,9 @@ def find_displacement(
             continue
         is_tail = last == len(world_from_cams) - 1
         if is_tail:
-            found = _as_walked(found, votes.pivot, world_from_cams, usual)
+            found = _as_walked(
+                _as_upright(found, votes.pivot, up_world), votes.pivot, world_from_cams, usual
+            )
         if is_tail and _is_blind(world_from_cams, votes, found, contradicts[of], usual):
             continue
         rank = found.gain
@@ -279,6 +283,31 @@ def _as_walked(
     both = np.linalg.inv(np.linalg.inv(jump.covariance) + prior)
     way = _apart(walked[None], jump.world_from_recorded, pivot)[0]
     displaced = _moved(jump.world_from_recorded, both @ prior @ way, pivot)
+    return replace(jump, world_from_recorded=displaced, covariance=both)
+
+
+def _as_upright(
+    jump: Displacement, pivot: Float[np.ndarray, "3"], up_world: Float[np.ndarray, "3"] | None
+) -> Displacement:
+    """The displacement as of a tracker that knows gravity, which jumps level and turns about the vertical;
+    as it is where motions contradict that, and the tracker began anew.
+
+    Surfaces along a corridor hardly tell which way it is level: four pairs of frames, 5 degrees unsure, had
+    a walk climb by 1.4 m with 12.
+    """
+    if up_world is None:
+        return jump
+    level = np.eye(3) - np.outer(up_world, up_world)
+    tilt = level @ se3.log_so3(jump.world_from_recorded[None, :3, :3])[0]
+    variance = np.deg2rad(TRACKER_TILT_SIGMA_DEG.value) ** 2
+    total = level @ jump.covariance[:3, :3] @ level + variance * np.eye(3)
+    if tilt @ np.linalg.solve(total, tilt) > MAX_SIGMAS**2:
+        return jump
+    prior = np.zeros((6, 6))
+    prior[:3, :3] = level / variance
+    both = np.linalg.inv(np.linalg.inv(jump.covariance) + prior)
+    off = both @ prior @ np.concatenate([-tilt, np.zeros(3)])
+    displaced = _moved(jump.world_from_recorded, off, pivot)
     return replace(jump, world_from_recorded=displaced, covariance=both)
 
 

@@ -68,6 +68,8 @@ class _Tracker:
     """s; frames of one time are fixed to each other."""
     keyframe_idx: Int[np.ndarray, " k"] | None = None
     """Frames between which steps are as sure as `options` say; None: all."""
+    up_world: Float[np.ndarray, "3"] | None = None
+    """Unit vector against gravity, where the tracker knows it."""
 
     def steps(
         self,
@@ -212,7 +214,7 @@ def judge_tracking(
     read, read_sigmas = clocked.read(recorded, clock)
     if held_sigmas is not None:
         read_sigmas = np.hypot(held_sigmas, 0.0 if read_sigmas is None else read_sigmas)
-    tracker = _Tracker(odometry, read_sigmas, (1.0, 1.0), timestamps, keyframe_idx)
+    tracker = _Tracker(odometry, read_sigmas, (1.0, 1.0), timestamps, keyframe_idx, up_world)
     tracker = _adapted(tracker, read, lost, motions)
     filled = _filled(read, lost, motions, tracker)
     poses, found, steps, doubtful = _corrected(filled, motions, tracker, options)
@@ -374,7 +376,7 @@ def _mended(
     most = max(3, int(MAX_BREAKS_SHARE * len(poses)))
     while len(found) <= most:
         steps = tracker.steps(poses, found, filled.sigmas)
-        displacement = find_displacement(poses, steps, motions)
+        displacement = find_displacement(poses, steps, motions, tracker.up_world)
         if displacement is None:
             return poses, found
         poses = poses.copy()
