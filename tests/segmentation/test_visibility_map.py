@@ -15,17 +15,18 @@ def heights(rng, *parts):
 
 
 def test_peaks_are_found_most_first(rng):
-    found = level_peaks(heights(rng, (-1.4, 5000), (-0.65, 3000), (0.4, 100)), 1 / 3)
+    found, counts = level_peaks(heights(rng, (-1.4, 5000), (-0.65, 3000), (0.4, 100)), 1 / 3)
     assert_allclose(found, [-1.4, -0.65], atol=0.005)
+    assert counts.tolist() == [5000, 3000]
 
 
 def test_min_share_and_min_count(rng):
     some = heights(rng, (0.0, 1000), (2.0, 300))
-    assert len(level_peaks(some, 0.5)) == 1
-    assert len(level_peaks(some, 0.2)) == 2
-    assert len(level_peaks(some, 0.2, min_count=400)) == 1
-    assert len(level_peaks(some[:20], 0.2)) == 0
-    assert len(level_peaks(np.zeros(0), 0.2)) == 0
+    assert len(level_peaks(some, 0.5)[0]) == 1
+    assert len(level_peaks(some, 0.2)[0]) == 2
+    assert len(level_peaks(some, 0.2, min_count=400)[0]) == 1
+    assert len(level_peaks(some[:20], 0.2)[0]) == 0
+    assert len(level_peaks(np.zeros(0), 0.2)[0]) == 0
 
 
 def level_sample(rng, *parts, camera_z=1.5):
@@ -41,6 +42,16 @@ def mapped(*samples):
 
 def test_a_large_table_does_not_pass_for_the_floor(rng):
     assert mapped(level_sample(rng, (0.0, 400), (0.75, 900))).floor_m == pytest.approx(0, abs=0.01)
+
+
+def test_a_floor_seen_past_a_table_is_the_floor_where_cameras_stand_so_high_over_it(rng):
+    """As in a kitchen whose worktops fill the images: 0.7 m below the camera, the floor 1.4 m."""
+    assert mapped(level_sample(rng, (0.1, 150), (0.8, 900))).floor_m == pytest.approx(0.1, abs=0.01)
+
+
+def test_what_mirrors_and_shafts_show_below_a_floor_is_no_floor(rng):
+    found = mapped(level_sample(rng, (-1.2, 230), (0.0, 900), camera_z=1.9))
+    assert found.floor_m == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_few_points_below_do_not_pass_for_the_floor(rng):

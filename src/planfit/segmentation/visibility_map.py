@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Float32, UInt8
 from scipy.ndimage import minimum_filter
 
-from planfit.priors import DEPTH_REACH_M
+from planfit.priors import CAMERA_HEIGHT_M, CAMERA_HEIGHT_SIGMA_SHARE, DEPTH_REACH_M
 from planfit.segmentation.label_kernels import (
     BIN_M,
     CELL_M,
@@ -26,6 +26,8 @@ _N_BINS = 60
 _BELOW_M = 3.0
 """The map reaches from this far below the mean camera to the same above."""
 _REACH_M = DEPTH_REACH_M.value
+_EVEN_SHARE, _LEAST_SHARE = 1 / 3, 1 / 12
+"""Of the points on the largest level, so many on a lower one are as often of the floor as not; and least."""
 
 
 @dataclass(frozen=True)
@@ -100,27 +102,45 @@ def _level_heights(samples: Sequence[FrameSample]) -> tuple[float, np.ndarray]:
     with np.errstate(invalid="ignore"):
         floor_like = points_z[(facing > 0.96) & (above < -0.3) & (above > -_BELOW_M)]
         ceiling_like = points_z[(facing < -0.96) & (above > 0.3)]
-    floors = level_peaks(floor_like, 1 / 3)
-    ceilings = level_peaks(ceiling_like, 1 / 4)
-    if len(floors) == 0:
-        return np.nan, ceilings
-    # The lowest of the large ones: a long table may outnumber the floor. What lies below it is no reason
-    # for doubt: LiDAR sees points below true floors, in open shafts and by mirrors, as many as a quarter
-    # of those on it, and a submap without its floor cost the ConSLAM scan 0.02 to 0.05 m.
-    return float(floors.min()), ceilings
+    camera_m = float(np.mean([s.centre[2] for s in samples]))
+    floor_m = _floor_height(*level_peaks(floor_like, _LEAST_SHARE), camera_m)
+    return floor_m, level_peaks(ceiling_like, 1 / 4)[0]
+
+
+def _floor_height(
+    levels_m: Float[np.ndarray, " k"], counts: Float[np.ndarray, " k"], camera_m: float
+) -> float:
+    """Which of the level surfaces seen from above is the floor; NaN where there is none.
+
+    A long table may outnumber the floor beneath it. LiDAR sees points below true floors, in open shafts and
+    by mirrors, as many as a quarter of those on it, and a submap without its floor cost the ConSLAM scan
+    0.02 to 0.05 m. So a lower level is the floor by the odds of its share and of the camera's height then.
+    """
+    if len(levels_m) == 0:
+        return np.nan
+    spread = CAMERA_HEIGHT_SIGMA_SHARE.value
+    off = np.log((camera_m - levels_m) / CAMERA_HEIGHT_M.value) / spread
+    floor = 0
+    for k in np.argsort(-levels_m):
+        is_lower = levels_m[k] < levels_m[floor]
+        log_odds = (
+            np.log(counts[k] / (_EVEN_SHARE * counts[0])) + (off[floor] ** 2 - off[k] ** 2) / 2
+        )
+        floor = int(k) if is_lower and log_odds > 0.0 else floor
+    return float(levels_m[floor])
 
 
 def level_peaks(
     heights_m: Float[np.ndarray, " n"], min_share: float, min_count: int = 40
-) -> Float[np.ndarray, " k"]:
-    """Heights (m) on which many of the given ones lie, most first.
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Heights (m) on which many of the given ones lie, most first, and how many.
 
     Each has at least `min_share` of the first's count, and `min_count`. A histogram of 5 cm bins, summed over
     five of them, so that a level that lies on a border of bins counts whole.
     """
-    found: list[float] = []
+    found: list[tuple[float, float]] = []
     if len(heights_m) == 0:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     low = heights_m.min() - 0.1
     counts = np.bincount(((heights_m - low) / 0.05).astype(int), minlength=8).astype(float)
     wide = np.convolve(counts, np.ones(5), mode="same")
@@ -128,6 +148,7 @@ def level_peaks(
     while wide.max() >= least:
         k = int(np.argmax(wide))
         near = heights_m[np.abs(heights_m - (low + (k + 0.5) * 0.05)) < 0.15]
-        found.append(float(np.median(near)))
+        found.append((float(np.median(near)), float(wide[k])))
         wide[max(k - 6, 0) : k + 7] = 0  # non-maximum suppression, 0.3 m to both sides
-    return np.array(found)
+    levels, sizes = np.array(found).reshape(-1, 2).T
+    return levels, sizes
