@@ -21,10 +21,10 @@ def round_room():
     return faces_plan(6.0 * np.column_stack([np.cos(corner), np.sin(corner)]))
 
 
-def noisy_problem(rng, drawn_m, patch_m=PATCH_M, walls=True, moved_m=()):
+def noisy_problem(rng, drawn_m, patch_m=PATCH_M, walls=True, moved_m=(), held_by=range(N_FACES)):
     """Truth, and a problem solved: cameras on a ring look outwards, each at three faces and the floor.
 
-    `moved_m`: pairs of a face and how far it stands off where it is drawn.
+    `moved_m`: pairs of a face and how far it stands off where it is drawn; `held_by`: faces that are found.
     """
     plan = round_room()
     angle = np.arange(N) * 360.0 / N
@@ -43,7 +43,7 @@ def noisy_problem(rng, drawn_m, patch_m=PATCH_M, walls=True, moved_m=()):
             xy = xy + (offsets_m[face] + patch_m * rng.normal()) * plan.normals[face]
             on_wall = np.column_stack([xy, rng.uniform(0.3, 2.5, 240)])
             patches.append((i, on_wall, plan.normals[face]))
-            faces.append(face)
+            faces.append(face if face in held_by else -1)
     pairs = sorted(tuple(sorted((i, (i + k) % N))) for i in range(N) for k in (1, 2))
     matches = make_matches(truth, pairs, rng.uniform([-6, -6, 0], [6, 6, 2.5], (40, 3)))
     off = np.repeat(MATCH_M * rng.normal(size=(len(pairs), 3)), 40, axis=0)

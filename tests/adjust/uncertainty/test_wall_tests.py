@@ -49,3 +49,12 @@ def test_offset_and_poses_are_those_of_a_solve_with_the_offset_among_the_unknown
         shrunk = 1 + (test.sigma_m / MOVED_SIGMA_M) ** 2
         assert_allclose(test.offsets_m[0] * shrunk, solved[n], atol=1e-6)
         assert_allclose(test.change.ravel() * shrunk, solved[:n], atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_wall_that_alone_holds_a_direction_is_not_tested_by_rounding(seed):
+    """All goes along with it: what is left of its weight is no evidence, though it may be no exact zero."""
+    _, problem = noisy_problem(np.random.default_rng(seed), 0.0, held_by=(0, 4))
+    for test in walls_tested(problem)[1]:
+        assert abs(test.offsets_m[0]) < MOVED_SIGMA_M
+        assert np.abs(test.change[:, 3:]).max() < MOVED_SIGMA_M
