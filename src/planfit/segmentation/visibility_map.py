@@ -26,8 +26,10 @@ _N_BINS = 60
 _BELOW_M = 3.0
 """The map reaches from this far below the mean camera to the same above."""
 _REACH_M = DEPTH_REACH_M.value
-_EVEN_SHARE, _LEAST_SHARE = 1 / 3, 1 / 12
+_EVEN_SHARE, _LEAST_SHARE = 1 / 3, 1 / 30
 """Of the points on the largest level, so many on a lower one are as often of the floor as not; and least."""
+_WORTH = 0.5
+"""Of the logarithm of a share beside that of a probability: points of one surface are seen together."""
 
 
 @dataclass(frozen=True)
@@ -123,9 +125,8 @@ def _floor_height(
     floor = 0
     for k in np.argsort(-levels_m):
         is_lower = levels_m[k] < levels_m[floor]
-        log_odds = (
-            np.log(counts[k] / (_EVEN_SHARE * counts[0])) + (off[floor] ** 2 - off[k] ** 2) / 2
-        )
+        of_share = _WORTH * np.log(counts[k] / (_EVEN_SHARE * counts[0]))
+        log_odds = of_share + (off[floor] ** 2 - off[k] ** 2) / 2
         floor = int(k) if is_lower and log_odds > 0.0 else floor
     return float(levels_m[floor])
 
