@@ -174,12 +174,12 @@ def opened_by_walls(
     on_plan: ScanOnPlan,
     options: RefineOptions,
 ) -> Tracking | None:
-    """The walk with those undecided steps open beyond which the walls are nowhere on the plan; None where all
-    is explained.
+    """The walk with those steps open that nothing measured and beyond which walls are nowhere on the plan;
+    None where all is explained.
 
-    Nothing measured such a step, and it is as long as a jump. So where walls beyond it ask for a place that
-    is not known, the tracker may have jumped there, and what is beyond may be anywhere: of a lounge with a
-    jump of 1.2 m, 29 of 125 frames were 2.9 m off and predicted to be within 0.06 m.
+    Where walls beyond such a step ask for a place that is not known, the tracker may have jumped there, and
+    what is beyond may be anywhere: of a lounge with a jump of 1.2 m, 29 of 125 frames were 2.9 m off and
+    predicted to be within 0.06 m. A jump need not be long: of steps of 1 m, one of 1.3 m was of 1.6 m.
 
     Args:
         prepared: loops closed.
@@ -187,26 +187,25 @@ def opened_by_walls(
         on_plan: where the scan as a whole was aligned.
         options: those of the run.
     """
-    undecided = tracking.undecided_steps
-    aligned = _aligned(prepared, tracking, on_plan, options) if len(undecided) else None
+    aligned = _aligned(prepared, tracking, on_plan, options)
     if aligned is None:
         return None
     walk, as_aligned = aligned
     path = _likeliest(walk, [as_aligned], or_unknown=True)
     # Between the last keyframe that saw walls here and the first that did there, any step may be it.
-    with_walls, frames = np.flatnonzero(walk.n_patches), prepared.keyframes.frame_idx
+    with_walls = np.flatnonzero(walk.n_patches)
     changes = np.flatnonzero(np.diff(path[with_walls]))
-    is_open = np.zeros(len(undecided), dtype=bool)
+    is_open = np.zeros(len(walk.is_whole), dtype=bool)
     for before, after in zip(with_walls[changes], with_walls[changes + 1], strict=True):
-        is_open |= (undecided >= frames[before]) & (undecided < frames[after])
+        is_open[before:after] = ~walk.is_whole[before:after]
     if not is_open.any():
         return None
-    steps = undecided[is_open]
+    steps = prepared.keyframes.frame_idx[1:][is_open] - 1
     return replace(
         tracking,
         odometry=with_open_steps(tracking.odometry, steps),
         open_steps=np.union1d(tracking.open_steps, steps),
-        undecided_steps=undecided[~is_open],
+        undecided_steps=np.setdiff1d(tracking.undecided_steps, steps),
     )
 
 
