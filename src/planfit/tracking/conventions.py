@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.priors import CLEAR_ODDS
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.poses import from_opengl
 from planfit.tracking.motions import (
@@ -318,7 +319,11 @@ def best_convention(
         mounted = apply_convention(world_from_cams, mount)
         found = _likelihood(mounted, motions, options, keyframe_idx)
         more = share_of(mounted, found.factor) - share_of(poses, found.factor)
-        if best.cost - found.cost >= 2 * MIN_LOG_RATIO and more >= MIN_MORE:
+        gain = (best.cost - found.cost) / 2
+        # Schwarz's price of six parameters; motions of one frame err together, so that frames count.
+        n_frames = len(np.unique(motions.pairs))
+        is_earned = gain * n_frames >= 3 * np.log(n_frames) + np.log(CLEAR_ODDS.value)
+        if is_earned and gain >= MIN_LOG_RATIO and more >= MIN_MORE:
             name, best, poses = mount, found, mounted
     share, asked_share = (share_of(each, best.factor) for each in (poses, as_asked))
     log_ratio = (of_asked.cost - best.cost) / 2
