@@ -268,9 +268,7 @@ def map_conversion(model: Any, unit_scale: float) -> MapConversion | None:
     Eastings and northings are in the unit of the projected system, or of the project; where the one that is
     claimed leads off the Earth, the other is meant.
     """
-    conversion = _conversion(model)
-    if not conversion:
-        return None
+    conversion = _attributes(model, "IfcMapConversion")
     east, north = (_number(conversion.get(name)) for name in ("Eastings", "Northings"))
     if east is None or north is None:
         return None
@@ -278,30 +276,20 @@ def map_conversion(model: Any, unit_scale: float) -> MapConversion | None:
     x, y = _number(conversion.get("XAxisAbscissa")), _number(conversion.get("XAxisOrdinate"))
     turn = 0.0 if x is None or y is None else math.atan2(y, x)
     scale = _number(conversion.get("Scale")) or 1.0
-    system = _reference_system(model)
+    system = str(_attributes(model, "IfcProjectedCRS").get("Name") or "")
     height_m = (_number(conversion.get("OrthogonalHeight")) or 0.0) * metres
     return MapConversion(east * metres, north * metres, turn, scale, unit_scale, system, height_m)
 
 
-def _conversion(model: Any) -> Mapping[str, Any]:
+def _attributes(model: Any, entity: str) -> Mapping[str, Any]:
+    """Of the first entity of a kind (IfcMapConversion), else the property set of that name: of the site, the
+    project or the building, ePSet_MapConversion, in any spelling. Empty where there is neither."""
     if model.schema != "IFC2X3":
-        for entity in model.by_type("IfcMapConversion"):
-            return entity.get_info()
-    return _property_set(model, "mapconversion")
-
-
-def _reference_system(model: Any) -> str:
-    """Name of the projected coordinate system."""
-    if model.schema != "IFC2X3":
-        for entity in model.by_type("IfcProjectedCRS"):
-            return str(entity.Name or "")
-    return str(_property_set(model, "projectedcrs").get("Name") or "")
-
-
-def _property_set(model: Any, name: str) -> Mapping[str, Any]:
-    """Of the site, the project or the building: ePSet_MapConversion, in any spelling."""
+        for found in model.by_type(entity):
+            return found.get_info()
     import ifcopenshell.util.element
 
+    name = entity.removeprefix("Ifc").lower()
     for kind in ("IfcSite", "IfcProject", "IfcBuilding"):
         for element in model.by_type(kind):
             try:
