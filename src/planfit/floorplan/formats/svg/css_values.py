@@ -42,8 +42,6 @@ and less than the last of it is light areas: of a slab with rooms on it the rest
 
 
 _Quantity: TypeAlias = tuple[float, int]
-
-
 """A value, and of how many lengths it is a product: 0 of a number."""
 
 
@@ -139,12 +137,9 @@ def plain_colour(text: str, by_id: Mapping[str, ET.Element]) -> str | None:
     if token.type == "ident" and token.lower_value in ("none", "inherit"):
         return token.lower_value
     if token.type == "function" and token.lower_name in _OF_COLOURS:
-        part = [part for _, part in split(token.arguments, ",")][_OF_COLOURS[token.lower_name] :][
-            :1
-        ]
-        solid = [
-            one for each in part for one in each if one.type not in ("whitespace", "percentage")
-        ]
+        parts = dict(enumerate(part for _, part in split(token.arguments, ",")))
+        taken = parts.get(_OF_COLOURS[token.lower_name], [])
+        solid = [one for one in taken if one.type not in ("whitespace", "percentage")]
         return plain_colour(tinycss2.serialize(solid), by_id)
     if token.type == "function" and token.lower_name not in _COLOUR_FUNCTIONS:
         return None

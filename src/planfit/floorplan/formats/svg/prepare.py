@@ -12,6 +12,7 @@ from svgelements import Matrix
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import MAX_UNPACKED_BYTES
+from planfit.floorplan.formats.svg.rules import SVG_NAMESPACE
 
 MAX_REPEATED = 300_000
 """Elements that an SVG may have once each `use` is replaced by what it names."""
@@ -19,24 +20,10 @@ GROUP_TRANSFORM = "data-planfit-transform"
 """Attribute of a group whose own transform moved into its shapes: from its user space to the root's."""
 PARSE_ERRORS = (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError)
 """What svgelements raises of elements that it cannot read."""
-_SVG = "{http://www.w3.org/2000/svg}"
-_GROUPS = {f"{_SVG}{name}" for name in ("g", "a", "switch")}
-_APART = {
-    f"{_SVG}{name}"
-    for name in (
-        "defs",
-        "clipPath",
-        "mask",
-        "pattern",
-        "marker",
-        "metadata",
-        "title",
-        "desc",
-        "style",
-    )
-}
-_REUSING = {f"{_SVG}{name}" for name in ("use", "symbol", "svg", "image")}
-_USE = f"{_SVG}use"
+_GROUPS = {f"{SVG_NAMESPACE}{name}" for name in ("g", "a", "switch")}
+_APART_NAMES = "defs clipPath mask pattern marker metadata title desc style"
+_APART = {f"{SVG_NAMESPACE}{name}" for name in _APART_NAMES.split()}
+_REUSING = {f"{SVG_NAMESPACE}{name}" for name in ("use", "symbol", "svg", "image")}
 _XLINK = "http://www.w3.org/1999/xlink"
 _INKSCAPE = "http://www.inkscape.org/namespaces/inkscape"
 _HREFS = ("href", f"{{{_XLINK}}}href")
@@ -113,7 +100,7 @@ def _checked(path: Path) -> tuple[bytes, int]:
 def _with_namespaces(data: bytes, at: int, prefixes: Sequence[str]) -> bytes:
     """The text with namespaces declared in its root, at a byte: of prefixes that it uses as pages of the web
     do, without a word on them. The one of no prefix is SVG's own."""
-    known = {"": _SVG[1:-1], "xlink": _XLINK, "inkscape": _INKSCAPE}
+    known = {"": SVG_NAMESPACE[1:-1], "xlink": _XLINK, "inkscape": _INKSCAPE}
     lacking = "".join(
         f' xmlns{":" if each else ""}{each}="{known.get(each, f"urn:{each}")}"' for each in prefixes
     )
@@ -148,7 +135,7 @@ def elements_when_expanded(root: ET.Element) -> float:
     while stack:
         element = stack[-1]
         parts = list(element)
-        if element.tag == _USE:
+        if element.tag == f"{SVG_NAMESPACE}use":
             name = next((element.get(key, "") for key in _HREFS if element.get(key)), "")
             target = by_id.get(name.removeprefix("#")) if name.startswith("#") else None
             parts += [] if target is None else [target]
@@ -171,10 +158,10 @@ def set_symbols_apart(root: ET.Element) -> None:
         (parent, k, child)
         for parent in root.iter()
         for k, child in enumerate(parent)
-        if child.tag == f"{_SVG}symbol"
+        if child.tag == f"{SVG_NAMESPACE}symbol"
     ]
     for parent, k, symbol in found:
-        definitions = ET.Element(f"{_SVG}defs")
+        definitions = ET.Element(f"{SVG_NAMESPACE}defs")
         definitions.append(symbol)
         parent[k] = definitions
 
@@ -184,7 +171,7 @@ def drop_broken(root: ET.Element, read: Callable[[ET.Element], object]) -> int:
     n_broken = 0
     for parent in list(root.iter()):
         for child in [child for child in parent if len(child) == 0 and isinstance(child.tag, str)]:
-            alone = ET.Element(f"{_SVG}svg")
+            alone = ET.Element(f"{SVG_NAMESPACE}svg")
             alone.append(child)
             try:
                 read(alone)
@@ -200,7 +187,8 @@ def flatten_transforms(root: ET.Element) -> None:
     svgelements parses the transforms of all ancestors again for every shape: drawings converted from PDF
     nest a hundred deep, and took 4.5 s of 7. Files that use an element twice stay as they are.
     """
-    if root.tag != f"{_SVG}svg" or any(e.tag in _REUSING for e in root.iter() if e is not root):
+    is_reusing = any(e.tag in _REUSING for e in root.iter() if e is not root)
+    if root.tag != f"{SVG_NAMESPACE}svg" or is_reusing:
         return
     stack = [(child, Matrix()) for child in root]
     while stack:

@@ -291,11 +291,8 @@ def _is_clear(element) -> bool:
 
 def _telling_id(name: str) -> str:
     """Ids that programs number (`g12`, `layer1`, `path4`) say nothing."""
-    return (
-        ""
-        if re.fullmatch(r"(?i)(svg|g|group|layer|path|rect|use|surface|page)?[-_:]?\d*", name)
-        else name
-    )
+    numbered = r"(?i)(svg|g|group|layer|path|rect|use|surface|page)?[-_:]?\d*"
+    return "" if re.fullmatch(numbered, name) else name
 
 
 def _narrowed(svg: SVG, element, clip: BaseGeometry | None) -> BaseGeometry | None:
