@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, UInt8
-from PIL import Image, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageOps
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
@@ -128,14 +128,12 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
             else:
                 page = upright if upright.mode == "RGB" else upright.convert("RGB")
             bgr = _to_bgr(page)
-    except FloorplanError:
-        raise
     except Image.DecompressionBombError as error:
         raise FloorplanError(
             f"{path}: expected a picture of at most {MAX_PIXELS // 1_000_000} million pixels, found more; "
             "scale it down until walls are 10 to 30 px thick"
         ) from error
-    except (OSError, ValueError, SyntaxError, UnidentifiedImageError) as error:  # fmt: skip
+    except (OSError, ValueError, SyntaxError) as error:
         raise FloorplanError(
             f"{path}: expected a picture (PNG, JPEG, TIFF), found a damaged or other file; "
             "open it in a viewer and save it again"

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
@@ -221,13 +221,7 @@ def read_cells(path: Path, description: MapDescription) -> Cells:
                 check_size(str(description.image), file.width, file.height)
             alpha = np.asarray(file.convert("RGBA"))[..., 3] if "A" in file.getbands() else None
             grey = np.asarray(file.convert("RGB"), dtype=float).mean(axis=2)
-    except (
-        OSError,
-        ValueError,
-        SyntaxError,
-        UnidentifiedImageError,
-        Image.DecompressionBombError,
-    ) as error:
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
         raise FloorplanError(
             f"{path}: expected a picture of cells in {description.image.name}, found a damaged or "
             "other file; save the map again"
@@ -343,8 +337,7 @@ def _straight(points: np.ndarray) -> list[tuple[int, int]]:
             middle = a + 1 + k
             corners.add(middle)
             stack += [(a, middle), (middle, b)]
-    ordered = sorted(corners)
-    return list(itertools.pairwise(ordered))
+    return list(itertools.pairwise(sorted(corners)))
 
 
 def _fitted(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2 2"] | None:
