@@ -15,6 +15,7 @@ from jaxtyping import Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.formats import MAX_DEPTH
+from planfit.floorplan.vector.layer_names import counted
 from planfit.floorplan.vector.regions import section_area
 from planfit.geometry import segments
 
@@ -109,14 +110,10 @@ def find_openings(
             filling = _filling_of(void, fillings, height_m)
             kinds[filling[0]] += 1
             of_sides += [filling] * len(found)
-    listed = [
-        f"{kinds[word]} {word}{'' if kinds[word] == 1 else 's'}"
-        for word in ("door", "window", "opening")
-        if kinds[word]
-    ]
+    listed = (counted(kinds[word], word) for word in ("door", "window", "opening"))
     return Openings(
         np.concatenate([*sides, np.zeros((0, 2, 2))]),
-        tuple(listed),
+        tuple(filter(None, listed)),
         tuple(kind for kind, _ in of_sides),
         tuple(element_id for _, element_id in of_sides),
     )

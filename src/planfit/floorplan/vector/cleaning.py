@@ -8,6 +8,7 @@ from jaxtyping import Bool, Int
 
 from planfit.floorplan.vector.arcs import arc_segments, joints
 from planfit.floorplan.vector.drawing import ABSURD, SAME, Lines, VectorDrawing
+from planfit.floorplan.vector.layer_names import counted
 from planfit.floorplan.vector.line_work import usual_extent
 from planfit.geometry import segments
 
@@ -25,15 +26,14 @@ def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
     with np.errstate(invalid="ignore"):
         is_absurd = np.asarray(~(np.abs(lines.ends) < ABSURD).all(axis=(1, 2)))
     if is_absurd.any():
-        notes.append(
-            f"{_count(is_absurd.sum(), 'line')} with coordinates that are no numbers or beyond 1e9"
-        )
+        lines_are = counted(is_absurd.sum(), "line")
+        notes.append(f"{lines_are} with coordinates that are no numbers or beyond 1e9")
         lines = lines.take(~is_absurd)
     if len(lines):
         extent = usual_extent(lines.ends.reshape(-1, 2))
         is_point = segments.lengths(lines.ends) <= 1e-7 * extent
         if is_point.any():
-            notes.append(f"{_count(is_point.sum(), 'line')} without length")
+            notes.append(f"{counted(is_point.sum(), 'line')} without length")
             lines = lines.take(~is_point)
         unit = max(1e-6 * extent, 1e-12)
         keys = np.round(lines.ends / unit).astype(np.int64).reshape(-1, 4)
@@ -46,7 +46,7 @@ def cleaned(drawing: VectorDrawing) -> tuple[VectorDrawing, tuple[str, ...]]:
         # one another are one wall in `merge_collinear`.
         n_twice = len(lines) - int(of.max(initial=-1)) - 1
         if n_twice:
-            notes.append(f"{_count(n_twice, 'line')} drawn twice")
+            notes.append(f"{counted(n_twice, 'line')} drawn twice")
         lines = lines.take(_rank_among_equal(of.ravel()) < MOST_TIMES)
     lines = _simplified(lines)
     lines = lines.take(segments.lengths(lines.ends) > 0)
@@ -117,7 +117,3 @@ def curve_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
     follows = (before != 0) & np.concatenate([[False], is_curved[:-1]])
     leads = (after != 0) & np.concatenate([is_curved[1:], [False]])
     return is_curved | ((follows | leads) & (length < MOST_ALIKE * beside))
-
-
-def _count(n: int, noun: str) -> str:
-    return f"{n} {noun}" + ("" if n == 1 else "s")

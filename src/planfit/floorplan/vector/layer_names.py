@@ -253,6 +253,11 @@ def length_words(amount: float, metres_per_unit: float | None) -> str:
     return f"{amount * metres_per_unit:.3g} m"
 
 
+def counted(n: int, thing: str) -> str:
+    """How many there are of a thing: "1 door", "2 doors"; empty for none."""
+    return "" if n == 0 else f"1 {thing}" if n == 1 else f"{n} {thing}s"
+
+
 def words_on_layers(
     layers: Sequence[LayerLength], metres_per_unit: float | None, is_chosen: bool = False
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:

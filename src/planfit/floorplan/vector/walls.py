@@ -31,7 +31,7 @@ from planfit.floorplan.vector.door_swings import (
 from planfit.floorplan.vector.doors import OpenedDoors, open_doors, open_jambs
 from planfit.floorplan.vector.double_lines import rows_of_lines, thickness_bounds
 from planfit.floorplan.vector.drawing import SAME, Lines, VectorDrawing
-from planfit.floorplan.vector.layer_names import LayerLength, Role, lengths_by_layer
+from planfit.floorplan.vector.layer_names import LayerLength, Role, counted, lengths_by_layer
 from planfit.floorplan.vector.line_work import (
     Candidates,
     WallFaces,
@@ -145,12 +145,12 @@ def walls_of_drawing(
     doors = _open_doors(faces, swings, metres_per_unit, bounds[1], extent)
     faces, between_jambs = open_jambs(doors, lines.ends[has_form], extent)
     n_windows, n_others = len(windows.openings) // 2, len(between_jambs) // 2
-    n_cut = len(opened.openings) // 2
-    doors_are = _counted(doors.n_doors, "door")
+    doors_are = counted(doors.n_doors, "door")
+    others_are = counted(n_others + len(opened.openings) // 2, "opening")
     if doors.n_doors:
         dropped.append(f"lines that ran through {doors_are} drawn with their swing")
     if n_others:
-        dropped.append(f"lines that ran through {_counted(n_others, 'opening')} between jambs")
+        dropped.append(f"lines that ran through {counted(n_others, 'opening')} between jambs")
     if len(apart):
         dropped.append(f"{len(apart)} faces apart from the building (legend, title block, details)")
     by_layer = lengths_by_layer(drawing, roles, found.candidates, faces)
@@ -167,12 +167,7 @@ def walls_of_drawing(
         apart,
         np.concatenate([windows.openings, doors.openings, between_jambs, opened.openings]),
         by_layer,
-        tuple(
-            filter(
-                None,
-                (doors_are, _counted(n_windows, "window"), _counted(n_others + n_cut, "opening")),
-            )
-        ),
+        tuple(filter(None, (doors_are, counted(n_windows, "window"), others_are))),
         found.shared_edges,
         opening_names=("window",) * len(windows.openings)
         + ("door",) * len(doors.openings)
@@ -192,11 +187,6 @@ def _round_walls(faces: WallFaces, lines: Lines) -> tuple[WallFaces, Bool[np.nda
     return round_walls(lines, usual)
 
 
-def _counted(n: int, thing: str) -> str:
-    """Empty for none."""
-    return "" if n == 0 else f"1 {thing}" if n == 1 else f"{n} {thing}s"
-
-
 def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
     """How many doors and windows there are, each with an opening in both faces of its wall.
 
@@ -204,7 +194,7 @@ def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
         names: what each opening is.
     """
     count = Counter(names)
-    return tuple(_counted((n + 1) // 2, name) for name, n in count.items())
+    return tuple(counted((n + 1) // 2, name) for name, n in count.items())
 
 
 def _open_doors(
