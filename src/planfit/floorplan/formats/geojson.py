@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.faces import line_strings
 from planfit.floorplan.formats.geojson_features import (
     OUTSIDE,
     Feature,
@@ -230,22 +231,18 @@ def _edges(
     """Edges of rooms, the room on the left, without where openings are. Rooms of maps meet
     without thickness: each side of a shared edge is a face of its own."""
     ends = edges_of_areas(list(shapely.simplify(rooms, TOLERANCE_M * metre)))
-    parts, _ = shapely.get_parts(
-        shapely.difference(shapely.linestrings(ends), shapely.union_all(gaps)), return_index=True
-    )
-    parts = parts[shapely.length(parts) > 0.05 * metre]
-    return ends_of(parts)
+    parts = shapely.get_parts(shapely.difference(line_strings(ends), shapely.union_all(gaps)))
+    return ends_of(parts[shapely.length(parts) > 0.05 * metre])
 
 
 def _drawing(areas: list[BaseGeometry], features: list[Feature]) -> VectorDrawing:
     builder = DrawingBuilder()
     for area, feature in zip(areas, features, strict=True):
         for part in shapely.get_parts(area):
-            points = shapely.get_coordinates(part)
             if part.geom_type == "LineString":
-                builder.add_polyline(
-                    points, np.zeros(len(points) - 1, dtype=bool), feature.name, ""
-                )
+                points = shapely.get_coordinates(part)
+                is_curved = np.zeros(len(points) - 1, dtype=bool)
+                builder.add_polyline(points, is_curved, feature.name, "")
     return builder.build(1.0, "m")
 
 

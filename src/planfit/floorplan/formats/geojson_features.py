@@ -73,13 +73,8 @@ class LocalFrame:
     @property
     def file_from_local(self) -> Float[np.ndarray, "3 3"]:
         """From homogeneous local x-y to the file's coordinates."""
-        return np.array(
-            [
-                [1 / self.scale[0], 0, self.origin[0]],
-                [0, 1 / self.scale[1], self.origin[1]],
-                [0, 0, 1],
-            ]
-        )
+        (x, y), (across, up) = self.origin, 1 / self.scale
+        return np.array([[across, 0, x], [0, up, y], [0, 0, 1]])
 
 
 def load_collections(path: Path) -> tuple[list[tuple[str, Any]], str]:
@@ -93,14 +88,11 @@ def load_collections(path: Path) -> tuple[list[tuple[str, Any]], str]:
         parts = [part for part in parts if part.exists()]
         if not parts:
             held = plans_in(path)
-            named = f"{', '.join(held[:5])}{f' and {len(held) - 5} more' if len(held) > 5 else ''}"
+            more = f" and {len(held) - 5} more" if len(held) > 5 else ""
+            named = f"that holds {', '.join(held[:5])}{more}; give one of these"
             raise FloorplanError(
                 f"{path}: expected a file, or a folder of IMDF with unit.geojson, found a folder "
-                + (
-                    f"that holds {named}; give one of these"
-                    if held
-                    else "without a plan; give the file"
-                )
+                f"{named if held else 'without a plan; give the file'}"
             )
         loaded = [(part.stem, _parsed(part, part.read_bytes())) for part in parts]
         return loaded, "-".join(fingerprint_of(part) for part in parts)

@@ -130,11 +130,10 @@ def _in_order(told: Sequence[str], properties: Sequence[Properties]) -> tuple[st
         heights: dict[str, set[str | float | None]] = {}
         for value, each in here:
             heights.setdefault(value, set()).add(each.get(key))
-        numbers = [next(iter(seen)) for seen in heights.values() if len(seen) == 1]
-        are_numbers = all(isinstance(number, float) for number in numbers)
-        if are_numbers and len(set(numbers)) == len(values):
-            by_height = {value: next(iter(seen)) for value, seen in heights.items()}
-            return tuple(sorted(values, key=lambda value: float(by_height[value] or 0.0)))
+        told_by = {value: next(iter(seen)) for value, seen in heights.items() if len(seen) == 1}
+        numbers = {value: seen for value, seen in told_by.items() if isinstance(seen, float)}
+        if len(set(numbers.values())) == len(values):
+            return tuple(sorted(values, key=numbers.__getitem__))
     return tuple(values)
 
 
@@ -194,8 +193,7 @@ def level_names(collections: Sequence[tuple[str, Any]], used: Sequence[str]) -> 
     names: dict[str, str] = {}
     listed = sorted(found, key=lambda level: (found[level][0], level))
     for level in [*listed, *(level for level in used if level not in found)]:
-        name = found[level][1] if level in found else ""
-        name = name or level
+        name = (found[level][1] if level in found else "") or level
         n_alike = sum(n == name or n.startswith(f"{name} (") for n in names.values())
         names[level] = f"{name} ({n_alike + 1})" if n_alike else name
     return names
