@@ -2,7 +2,7 @@
 
 import re
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -104,17 +104,12 @@ def read_ifc(path: Path, options: PlanOptions) -> Floorplan:
             elevation_m=floor,
         ),
     )
-    return replace(plan, source=replace(plan.source, warnings=_warnings(plan)))
-
-
-def _warnings(plan: Floorplan) -> tuple[str, ...]:
-    """On glass, which many depth cameras do not see."""
-    length_m = float(plan.lengths[are_glass(plan)].sum())
-    if length_m == 0.0:
-        return ()
-    return (
-        f"{length_m:.3g} m of faces are glass (curtain walls, and walls by their material): depth cameras "
-        "may see what is behind them",
+    glass_m = float(plan.lengths[are_glass(plan)].sum())
+    if glass_m == 0.0:
+        return plan
+    return plan.with_warning(
+        f"{glass_m:.3g} m of faces are glass (curtain walls, and walls by their material): depth cameras "
+        "may see what is behind them"
     )
 
 
