@@ -11,6 +11,7 @@ import shapely
 from jaxtyping import Bool, Float
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.vector.drawing import area_of_rings
 from planfit.floorplan.vector.line_work import SubPaths
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
@@ -42,18 +43,10 @@ class Clips:
             return None
         key = b"|".join(ring.tobytes() for rings in paths for ring in rings) + transform.tobytes()
         if key not in self._made:
-            self._made[key] = shapely.intersection_all([_area(rings, transform) for rings in paths])
+            shown = [[segments.moved(ring, transform) for ring in rings] for rings in paths]
+            areas = [area_of_rings(rings, SelfCrossings()) for rings in shown]
+            self._made[key] = shapely.intersection_all(areas)
         return self._made[key]
-
-
-def _area(rings: list[np.ndarray], transform: Float[np.ndarray, "3 3"]) -> BaseGeometry:
-    """Inside of an odd number of rings."""
-    area: BaseGeometry = shapely.Polygon()
-    crossings = SelfCrossings()
-    for ring in rings:
-        shown = shapely.Polygon(segments.moved(ring, transform))
-        area = shapely.symmetric_difference(area, crossings.valid(shown))
-    return area
 
 
 def _clip_rings(clip, path_index: int) -> list[Float[np.ndarray, "_ 2"]]:

@@ -159,12 +159,9 @@ class DrawingBuilder:
 
     def _area(self, rings: list[Float[np.ndarray, "_ 2"]]) -> BaseGeometry:
         """What shows of the area inside an odd number of rings."""
-        area: BaseGeometry = shapely.Polygon()
-        for ring in rings:
-            if len(ring) >= 3 and np.isfinite(ring).all() and np.abs(ring).max() < ABSURD:
-                area = shapely.symmetric_difference(
-                    area, self._crossings.valid(shapely.Polygon(ring))
-                )
+        rings = [ring for ring in rings if len(ring) >= 3 and np.isfinite(ring).all()]
+        rings = [ring for ring in rings if np.abs(ring).max() < ABSURD]
+        area = area_of_rings(rings, self._crossings)
         return area if self.clip is None else shapely.intersection(area, self.clip)
 
     def build(
@@ -187,6 +184,14 @@ class DrawingBuilder:
             lines, (*self.fills, *areas, *bodies),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
+
+
+def area_of_rings(rings: list[Float[np.ndarray, "_ 2"]], crossings: SelfCrossings) -> BaseGeometry:
+    """The area inside an odd number of rings, each (k, 2)."""
+    area: BaseGeometry = shapely.Polygon()
+    for ring in rings:
+        area = shapely.symmetric_difference(area, crossings.valid(shapely.Polygon(ring)))
+    return area
 
 
 def is_dark(colour: tuple[int, int, int] | None) -> bool:
