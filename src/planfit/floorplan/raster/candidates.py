@@ -84,17 +84,14 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     line_px = line_work.line_px
     result = [*_black(darkness, extent), *_grey(darkness, line_px, extent)]
     result += _hatched(lines, line_work, extent)
-    cells = find_wall_cells(lines, line_px, extent)
+    cells, grow = find_wall_cells(lines, line_px, extent), line_px / 2
     if cells.any():
-        grow = line_px / 2
-        result.append(
-            Candidate(WallStyle.CLOSED_LINES, closed(cells, 2), "stroke", DARK, grow, 1.0)
-        )
+        inside = closed(cells, 2)
+        result.append(Candidate(WallStyle.CLOSED_LINES, inside, "stroke", DARK, grow, 1.0))
     # Where the two lines of a thin wall touch, they are one bar; its lines' middles are half a line in.
     bars = opened(lines, max(round(1.5 * line_px), round(line_px) + 2))
     bars &= 1 - opened(lines, round(2.5 * line_px) + 2)
     bars = cv2.erode(bars, np.ones((int(line_px) | 1,) * 2, np.uint8))
-    grow = line_px / 2
     for strips, thin in between_lines(line_work, bars):
         result.append(Candidate(WallStyle.LINES, strips, "stroke", DARK, grow, 1.0, thin))
     return result

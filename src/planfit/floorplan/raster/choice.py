@@ -118,12 +118,10 @@ def with_paler_walls(alone: Interpretation, darkness: Float[np.ndarray, "h w"]) 
     extent_px = find_extent(darkness)
     weighed = _weighed(find_candidates(darkness), extent_px)
     found = with_other_styles(alone, weighed, extent_px)
+    if not found.beside:
+        return alone
     # With others beside, something else was drawn after all.
-    return (
-        replace(found, candidate=replace(alone.candidate, style=WallStyle.BLACK))
-        if found.beside
-        else alone
-    )
+    return replace(found, candidate=replace(alone.candidate, style=WallStyle.BLACK))
 
 
 def _weighed(candidates: list[Candidate], extent_px: float) -> list[Interpretation]:
@@ -293,13 +291,9 @@ def _walls_beside(
     usual = weighted_median(thickness[is_wall], outline[is_wall])
     if not is_black:
         is_wall &= (thickness < _ALIKE * usual) & (thickness > usual / _ALIKE)
-    walls = tuple(pieces[is_wall])
-    share = _worth(walls, usual, extent_px) / max(
-        _worth(other.walls, other.thickness_px, extent_px), 1e-6
-    )
-    return replace(
-        other, walls=walls, dropped=(), thickness_px=usual, score=min(share, 1.0) * other.score
-    )
+    walls, whole = tuple(pieces[is_wall]), _worth(other.walls, other.thickness_px, extent_px)
+    score = min(_worth(walls, usual, extent_px) / max(whole, 1e-6), 1.0) * other.score
+    return replace(other, walls=walls, dropped=(), thickness_px=usual, score=score)
 
 
 def _worth(walls: Sequence[shapely.Polygon], thickness_px: float, extent_px: float) -> float:

@@ -102,9 +102,8 @@ def with_account(
             f"only {read}: the picture may be no floorplan, or drawn in a way that planfit does not know; "
             f"{COMPARE}, or give a picture of its walls with --wall-mask",
         )
-    return replace(
-        plan, source=replace(source, dropped=(words, *source.dropped), warnings=warnings)
-    )
+    source = replace(source, dropped=(words, *source.dropped), warnings=warnings)
+    return replace(plan, source=source)
 
 
 def ink_share(interpretation: Interpretation, ink: UInt8[np.ndarray, "h w"]) -> float:

@@ -94,9 +94,9 @@ def plan_of_picture(
     has_signs = False
     if wall_mask is None:
         image_bgr, has_signs = without_signs(image_bgr)
-    upright = _upright(image_bgr, name) if wall_mask is None else make_upright(
-        wall_mask.astype(np.float32))  # fmt: skip
-    if wall_mask is not None:
+        upright = _upright(image_bgr, name)
+    else:
+        upright = make_upright(wall_mask.astype(np.float32))
         darkness = make_darkness(image_bgr, name, must_be_drawing=False)
         upright = replace(upright, darkness=rotated(darkness, upright))
     shrink = shrink_to_read(max(upright.darkness.shape), may_enlarge=wall_mask is None)
@@ -122,11 +122,10 @@ def plan_of_picture(
     drawn = f"{kind}, walls {interpretation.style}"
     dropped = segments.moved(left_out(interpretation, ink, shrink), _picture_from(upright))
     plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
-    if wall_mask is None:
-        for words in (photograph, surroundings_words(image_bgr)):
-            plan = plan.with_warning(words) if words else plan
-    plan = plan.with_warning(SIGN_WORDS) if has_signs else plan
     if ink is not None:
+        signs = SIGN_WORDS if has_signs else ""
+        for words in filter(None, (photograph, surroundings_words(image_bgr), signs)):
+            plan = plan.with_warning(words)
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:
         plan = replace(plan, source=replace(plan.source, unit_from=_UNKNOWN_SCALE))
@@ -161,15 +160,14 @@ def _enlarged(plan: Floorplan, factor: int) -> Floorplan:
     # Centres of pixels are integers before and after; y goes up.
     offset = (factor - 1) / 2 * np.array([1.0, -1.0])
     thickness, dropped = plan.thickness, plan.source.dropped_lines
-    words = (
-        f"the picture is huge and was read shrunk {factor} times; walls thinner than {3 * factor} px may be "
-        "missed"
-    )
     plan = plan.mapped(
         lambda xy: factor * xy + offset,
         np.eye(3),  # the plan's coordinates stay those of the file
         thickness=None if thickness is None else factor * thickness,
-    ).with_warning(words)
+    ).with_warning(
+        f"the picture is huge and was read shrunk {factor} times; walls thinner than {3 * factor} px may be "
+        "missed"
+    )
     lines = None if dropped is None else factor * dropped + np.abs(offset)
     return replace(plan, source=replace(plan.source, dropped_lines=lines))
 
@@ -262,7 +260,6 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     inside = faces.ends.mean(axis=1) - 0.5 * faces.normals
     storey = storey_of[shapely.STRtree(walls).nearest(shapely.points(inside))]
     size = np.array(upright.darkness.shape[::-1]) / np.array(small.shape[::-1])
-    candidate = interpretation.candidate
     settled = []
     for part, own in zip(interpretation.parts, parts, strict=True):
         found = replace(own, ends=(own.ends + 0.5) * size - 0.5, thickness=own.thickness * shrink)
@@ -272,7 +269,8 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     doubts = find_doubts(faces.ends, openings, interpretation.all_walls, len(words))
     if len(words) > MOST_STOREYS:
         storey, words = np.zeros_like(storey), ("all",)
-    return _Found(faces, storey, words, () if candidate.edge == "mask" else doubts)
+    is_given = interpretation.candidate.edge == "mask"
+    return _Found(faces, storey, words, () if is_given else doubts)
 
 
 def _faces_of_style(part: Interpretation) -> WallFaces:
@@ -308,19 +306,18 @@ def _to_floorplan(
     kept = np.ones(len(found.faces.ends), dtype=bool)
     if options.storey:
         kept = found.storey == storey_number(name, options.storey, found.storeys)
-    ends, normals = found.faces.ends[kept], found.faces.normals[kept]
-    thickness = found.faces.thickness[kept]
-    openings = find_openings(ends, normals, thickness)
+    faces = found.faces.take(kept)
+    openings = find_openings(faces.ends, faces.normals, faces.thickness)
     picture_from_upright = _picture_from(upright)
     unit = choose_unit(options.unit, options.metres_per_unit)
     mirror = np.array([1.0, -1.0])
     return Floorplan(
         name,
-        segments.moved(ends, picture_from_upright) * mirror,
-        normals @ picture_from_upright[:, :2].T * mirror,
-        np.ones(len(ends), dtype=bool),
+        segments.moved(faces.ends, picture_from_upright) * mirror,
+        faces.normals @ picture_from_upright[:, :2].T * mirror,
+        faces.is_oriented,
         fingerprint,
-        thickness,
+        faces.thickness,
         segments.moved(openings, picture_from_upright) * mirror,
         is_metric=False,
         source=PlanSource(

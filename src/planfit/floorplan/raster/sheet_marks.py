@@ -258,9 +258,7 @@ def dark_sides(image_bgr: UInt8[np.ndarray, "h w 3"]) -> int:
     sheet = float(np.median(small))
     if sheet < 100:  # a drawing in white on dark
         return 0
-    reach = (
-        int(_THICK * max(small.shape)) // 2 * 2 + 1
-    )  # odd: an even one would shift what it opens
+    reach = int(_THICK * max(small.shape)) // 2 * 2 + 1  # odd: even ones shift what they open
     dark = (small < _DESK * sheet).astype(np.uint8)
     # Bright around: a wall that the rim cuts is no thicker than what of it is in the picture.
     solid = cv2.morphologyEx(
