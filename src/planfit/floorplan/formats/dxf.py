@@ -119,8 +119,7 @@ def _open(path: Path) -> tuple[Document, list[str]]:
             f"{path}: expected a DXF drawing, found a file that is damaged or of another kind "
             f"({type(error).__name__}); export it again as DXF"
         ) from error
-    is_cut = b"EOF" not in data[-64:] and not data.startswith(b"AutoCAD Binary DXF")
-    if is_cut:
+    if b"EOF" not in data[-64:] and not data.startswith(b"AutoCAD Binary DXF"):
         raise FloorplanError(
             f"{path}: expected a whole DXF drawing, found one that is cut off (no EOF at its end); "
             "copy or export it again"
@@ -147,22 +146,17 @@ def _entities(space, empty_blocks: frozenset[str]) -> Iterator[tuple[Any, str]]:
     """Entities with blocks exploded, and the layer that decides on each: that of the entity, or of the
     block it came in where the entity is on layer 0."""
     for entity in space:
-        outer = entity.dxf.get("layer", "0")
-        is_insertion = entity.dxftype() == "INSERT"
-        if (
-            is_insertion
-            and str(entity.dxf.get("name", "")).lower() in empty_blocks
-            and not entity.attribs
-        ):
+        outer, kind = entity.dxf.get("layer", "0"), entity.dxftype()
+        is_bare = kind == "INSERT" and not entity.attribs
+        if is_bare and str(entity.dxf.get("name", "")).lower() in empty_blocks:
             continue
-        if is_insertion or entity.dxftype() in ("DIMENSION", "LEADER", "MLINE"):
-            for part in recursive_decompose([entity]):
-                inner = part.dxf.get("layer", "0")
-                dimension = entity.dxftype() in ("DIMENSION", "LEADER")
-                name = f"{outer} (dimension)" if dimension else outer if inner == "0" else inner
-                yield part, name
-        else:
+        if kind not in ("INSERT", "DIMENSION", "LEADER", "MLINE"):
             yield entity, outer
+            continue
+        for part in recursive_decompose([entity]):
+            inner = part.dxf.get("layer", "0")
+            is_dimension = kind in ("DIMENSION", "LEADER")
+            yield part, f"{outer} (dimension)" if is_dimension else outer if inner == "0" else inner
 
 
 def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float) -> None:

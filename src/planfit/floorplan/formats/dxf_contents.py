@@ -126,9 +126,7 @@ def only_layout(document: Document) -> Any | None:
     """The layout with the most on it of a drawing whose model space is empty; None of others."""
     if len(document.modelspace()) > 0:
         return None
-    layouts = [
-        layout for layout in document.layouts if not layout.is_modelspace and len(layout) > 0
-    ]
+    layouts = (each for each in document.layouts if not each.is_modelspace and len(each) > 0)
     return max(layouts, key=len, default=None)
 
 
