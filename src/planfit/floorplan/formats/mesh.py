@@ -63,11 +63,8 @@ def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
             f"{path}: expected upright surfaces {options.cut_height_m:g} m above the floor, found "
             f"none with {'xyz'[axis]} up; choose another height of the cut, or turn the model"
         )
-    up = (
-        "the standard of the format"
-        if is_glb
-        else "found from the floor's surface, positive end up"
-    )
+    found = "found from the floor's surface, positive end up"
+    up = "the standard of the format" if is_glb else found
     rows = np.zeros((3, 3))
     rows[:2, :2] = np.diag(flip / unit.scale)
     rows[2, 2] = 1.0
@@ -204,9 +201,8 @@ def _strongest(
     xy: Float[np.ndarray, "n 2"], normals: Float[np.ndarray, "n 2"], period: float
 ) -> tuple[Float[np.ndarray, "2"], float, float]:
     angle = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % period
-    counts = np.bincount((angle / _ANGLE_STEP_DEG).astype(int), minlength=int(period))[
-        : int(period)
-    ]
+    n = int(period)
+    counts = np.bincount((angle / _ANGLE_STEP_DEG).astype(int), minlength=n)[:n]
     # Directions are few; the best one by its best line, among the five with most points.
     smooth = counts + np.roll(counts, 1) + np.roll(counts, -1)
     best = (np.array([1.0, 0.0]), 0.0, 0.0)

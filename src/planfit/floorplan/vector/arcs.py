@@ -107,12 +107,11 @@ def round_walls(lines: Lines, usual_thickness: float) -> tuple[WallFaces, Bool[n
     ends = lines.ends[arcs]
     middles = ends.mean(axis=1)
     gap = np.full(len(arcs), np.nan)
+    least, most = _APART[0] * usual_thickness, _APART[1] * usual_thickness
     for row in np.unique(circles, axis=0):
         apart = radii - row[2]
         distance = np.abs(apart)
-        is_pair = (distance > _APART[0] * usual_thickness) & (
-            distance < _APART[1] * usual_thickness
-        )
+        is_pair = (distance > least) & (distance < most)
         is_pair &= np.linalg.norm(centres - row[:2], axis=1) < _SAME_CENTRE * distance
         other = np.flatnonzero((circles == row).all(axis=1))
         for k in np.flatnonzero(is_pair):

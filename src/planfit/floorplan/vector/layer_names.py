@@ -276,13 +276,10 @@ def words_on_layers(
         return length_words(amount, metres_per_unit)
 
     def listed(left: list[tuple[LayerLength, float]]) -> str:
-        left = sorted(left, key=lambda pair: -pair[1])
-        words = [
-            f"{each.name or 'no layer'} ({length(amount)})" for each, amount in left[:MAX_NAMED]
-        ]
-        return ", ".join(words) + (
-            f" and {len(left) - MAX_NAMED} more" if len(left) > MAX_NAMED else ""
-        )
+        named = sorted(left, key=lambda pair: -pair[1])[:MAX_NAMED]
+        words = [f"{each.name or 'no layer'} ({length(amount)})" for each, amount in named]
+        more = f" and {len(left) - MAX_NAMED} more" if len(left) > MAX_NAMED else ""
+        return ", ".join(words) + more
 
     dropped, warnings = [], []
     no_wall = [(each, each.drawn) for each in layers if each.role == Role.NO_WALL and each.n_lines]

@@ -182,9 +182,8 @@ def _told_by_bars(
 ) -> PlanUnit | None:
     """What scale bars say; nothing where they disagree, as on a sheet with plans of several scales, or make
     no likely building."""
-    scales = [bar.metres_per_unit for bar in bars if bar.has_unit] or [
-        bar.metres_per_unit for bar in bars
-    ]
+    telling = [bar for bar in bars if bar.has_unit] or bars
+    scales = [bar.metres_per_unit for bar in telling]
     if not scales or max(scales) > (1 + DIFFERENT) * min(scales):
         return None
     if not _is_likely(size, usual_thickness, scales[0]):
@@ -210,10 +209,9 @@ def _guess(size: float, usual_thickness: float | None) -> PlanUnit:
 
 
 def _is_likely(size: float, usual_thickness: float | None, scale: float) -> bool:
-    if usual_thickness is None:
-        return False
     return (
-        BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
+        usual_thickness is not None
+        and BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
         and WALL_THICKNESS_M.low <= usual_thickness * scale <= WALL_THICKNESS_M.high
     )
 
@@ -280,10 +278,8 @@ def scale_of_dimensions(
     n_texts = len({c[3] for c in chosen})
     if n_values < MIN_AGREEING or n_texts < 0.6 * n_with_line:
         return None
-    ratio = float(np.median([c[0] for c in chosen]))
-    return DimensionScale(
-        ratio, all(c[2] for c in chosen), texts[chosen[0][3]].text.strip(), n_texts
-    )
+    ratio, has_unit = float(np.median([c[0] for c in chosen])), all(c[2] for c in chosen)
+    return DimensionScale(ratio, has_unit, texts[chosen[0][3]].text.strip(), n_texts)
 
 
 @dataclass(frozen=True)

@@ -120,10 +120,8 @@ def faces_of_all(
     is_taken = WallFaces.of_parts(parts)
     between = walls_between_rooms(candidates, rooms, shared_edges, extent)
     if len(between.ends):
-        parts, shared_edges = [*parts, between], 0.0
-        return FoundFaces(
-            parts, candidates, (TOUCHING_WORDS,), shared_edges, are_rooms_touching=True
-        )
+        parts = [*parts, between]
+        return FoundFaces(parts, candidates, (TOUCHING_WORDS,), 0.0, are_rooms_touching=True)
     has_others = bool(solids or pieces.areas or rooms) or candidates.is_called_wall.any()
     if thickness is not None and not has_others:
         is_wall = single_line_walls(candidates, thickness, extent)
