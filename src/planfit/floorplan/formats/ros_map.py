@@ -116,13 +116,16 @@ def read_description(path: Path) -> MapDescription:
     """
     values = _entries(path)
 
+    def require(is_met: bool, expected: str, found: str) -> None:
+        if not is_met:
+            raise FloorplanError(f"{path}: expected {expected}, found {found}; mend it")
+
     def number(text: object, name: str) -> float:
         try:
             value = float(str(text))
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
-            raise FloorplanError(f"{path}: expected a number as {name}, found {text!r}; mend it")
+        require(math.isfinite(value), f"a number as {name}", repr(text))
         return value
 
     for name in ("image", "resolution", "origin"):
@@ -132,24 +135,15 @@ def read_description(path: Path) -> MapDescription:
                 "the yaml of a map, or a plan"
             )
     origin = values["origin"] if isinstance(values["origin"], list) else []
-    if len(origin) not in (2, 3):
-        raise FloorplanError(
-            f"{path}: expected origin as [x, y, yaw], found {values['origin']!r}; mend it"
-        )
+    require(len(origin) in (2, 3), "origin as [x, y, yaw]", repr(values["origin"]))
     resolution = number(values["resolution"], "resolution")
-    if not 1e-4 < resolution < 10:
-        raise FloorplanError(
-            f"{path}: expected a resolution of 0.0001 to 10 m a cell, found {resolution:g}; mend it"
-        )
+    limits = "a resolution of 0.0001 to 10 m a cell"
+    require(1e-4 < resolution < 10, limits, f"{resolution:g}")
     mode = str(values.get("mode", "trinary")).lower()
-    if mode not in _MODES:
-        raise FloorplanError(
-            f"{path}: expected a mode of {', '.join(_MODES)}, found {mode!r}; mend it"
-        )
+    require(mode in _MODES, f"a mode of {', '.join(_MODES)}", repr(mode))
     x, y, yaw = [number(value, "origin") for value in [*origin, "0"][:3]]
     negate = str(values.get("negate", "0")).lower()
-    if negate not in ("0", "1", "true", "false"):
-        raise FloorplanError(f"{path}: expected negate as 0 or 1, found {negate!r}; mend it")
+    require(negate in ("0", "1", "true", "false"), "negate as 0 or 1", repr(negate))
     return MapDescription(
         _picture_of(path, str(values["image"])),
         resolution,
