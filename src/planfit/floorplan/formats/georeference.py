@@ -80,9 +80,8 @@ def _world_file(path: Path) -> Georeference:
             "picture"
         ) from error
     a, d, b, e, c, f = numbers
-    return _checked(
-        path, np.array([[a, b, c], [d, e, f], [0, 0, 1]]), None, f"the world file {path.name}"
-    )
+    found = np.array([[a, b, c], [d, e, f], [0, 0, 1]])
+    return _checked(path, found, None, f"the world file {path.name}")
 
 
 def _geotiff(path: Path) -> Georeference | None:
@@ -159,16 +158,13 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
         [[1, 0, -origin[0]], [0, 1, -origin[1]], [0, 0, 1]]
     )
     placed = _transformed(floorplan, metres_from_map @ map_from_plan)
-    where = (
-        f"; the plan frame is the map's less ({origin[0]:.10g}, {origin[1]:.10g})" if is_far else ""
-    )
-    pixel_m = float(
-        np.sqrt(abs(np.linalg.det((metres_from_map @ georeference.map_from_pixel)[:2, :2])))
-    )
+    moved = f"; the plan frame is the map's less ({origin[0]:.10g}, {origin[1]:.10g})"
+    metres_from_pixel = metres_from_map @ georeference.map_from_pixel
+    pixel_m = float(np.sqrt(abs(np.linalg.det(metres_from_pixel[:2, :2]))))
     source = replace(
         placed.source,
         unit=f"px of {pixel_m:.4g} m",
-        unit_from=georeference.told_by + where,
+        unit_from=georeference.told_by + (moved if is_far else ""),
         map_from_file=georeference.map_from_pixel,
     )
     return replace(placed, source=source)
@@ -181,12 +177,9 @@ def _metres_per_unit(
     if georeference.metres_per_unit is not None:
         return np.full(2, georeference.metres_per_unit)
     longitude, latitude = corners.mean(axis=0)
-    is_degrees = (
-        np.ptp(corners, axis=0).max() < _DEGREES and abs(latitude) <= 90 and abs(longitude) <= 180
-    )
-    if not is_degrees:
-        return np.ones(2)
-    return metres_of_degrees(latitude)
+    is_on_earth = abs(latitude) <= 90 and abs(longitude) <= 180
+    is_degrees = is_on_earth and np.ptp(corners, axis=0).max() < _DEGREES
+    return metres_of_degrees(latitude) if is_degrees else np.ones(2)
 
 
 def metres_of_degrees(latitude: float) -> Float[np.ndarray, "2"]:
