@@ -63,6 +63,8 @@ _LOST = {
     AuditError.INVALID_SPLINE_WEIGHT_COUNT,
 }
 """Repairs that take an entity away."""
+_DAMAGED = (DXFError, OSError, ValueError, KeyError, IndexError, TypeError, AttributeError)
+"""What ezdxf raises of files that it cannot read."""
 _RECOVERED = re.compile(r'value "(?P<found>[^"]*)".* as "(?P<read>[^"]*)"')
 
 
@@ -106,15 +108,7 @@ def _open(path: Path) -> tuple[Document, list[str]]:
         )
     try:
         document, auditor = ezdxf.recover.read(io.BytesIO(data))
-    except (
-        DXFError,
-        OSError,
-        ValueError,
-        KeyError,
-        IndexError,
-        TypeError,
-        AttributeError,
-    ) as error:
+    except _DAMAGED as error:
         raise FloorplanError(
             f"{path}: expected a DXF drawing, found a file that is damaged or of another kind "
             f"({type(error).__name__}); export it again as DXF"

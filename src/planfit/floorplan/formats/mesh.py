@@ -255,7 +255,5 @@ def _on_line(
 
 def _runs(at: Float[np.ndarray, " n"]) -> list[tuple[float, float]]:
     """Intervals of sorted coordinates without a gap of more than `MAX_GAP_M`."""
-    breaks = np.flatnonzero(np.diff(at) > MAX_GAP_M)
-    starts = np.concatenate([[0], breaks + 1])
-    stops = np.concatenate([breaks, [len(at) - 1]])
-    return [(float(at[a]), float(at[b])) for a, b in zip(starts, stops, strict=True)]
+    runs = np.split(at, np.flatnonzero(np.diff(at) > MAX_GAP_M) + 1)
+    return [(float(run[0]), float(run[-1])) for run in runs]

@@ -1,7 +1,7 @@
 """From a mask of wall to straight-sided regions, and from these to faces that lie where the ink says."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import cv2
@@ -192,7 +192,9 @@ def settle_faces(
         move = offsets[nearest] + 0.25 * np.clip(share, 0.0, 1.0)
         is_known = np.asarray(falls.any(axis=1))
     moves = np.zeros(len(faces.ends))
-    for i, (first, last) in enumerate(_runs(face, len(faces.ends))):
+    # First and one past the last point of each face.
+    bounds = np.searchsorted(face, np.arange(len(faces.ends) + 1))
+    for i, (first, last) in enumerate(itertools.pairwise(bounds)):
         known = move[first:last][is_known[first:last]]
         if 2 * len(known) >= last - first:
             moves[i] = np.clip(np.median(known), -reach_px, reach_px)
@@ -222,9 +224,3 @@ def profiles(
             picture, part[..., 0], part[..., 1], interpolation, borderValue=0
         )
     return result
-
-
-def _runs(sorted_idx: Int[np.ndarray, " m"], n: int) -> Iterator[tuple[int, int]]:
-    # First and one past the last position of each of the indices 0 to n - 1.
-    bounds = np.searchsorted(sorted_idx, np.arange(n + 1))
-    return itertools.pairwise(bounds)

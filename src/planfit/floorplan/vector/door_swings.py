@@ -82,10 +82,9 @@ def find_door_swings(lines: Lines, radii: tuple[float, float]) -> list[DoorSwing
     straight = np.flatnonzero(~lines.is_curved)
     # First ends, then second ends: a site's contours are thousands of curves, and of straight pieces.
     tips = cKDTree(np.concatenate([lines.ends[straight, 0], lines.ends[straight, 1]]))
-    starts = np.flatnonzero(np.diff(run, prepend=-1))
     found = []
-    for start, stop in zip(starts, np.append(starts[1:], len(run)), strict=True):
-        ends = lines.ends[at[start:stop]]
+    for own in np.split(at, np.flatnonzero(np.diff(run)) + 1):
+        ends = lines.ends[own]
         points = np.concatenate([ends[:, 0], ends[-1:, 1]])
         swing = _swing_of(points, tips, straight, radii) or _ajar(points, tips, straight, radii)
         if swing is not None:

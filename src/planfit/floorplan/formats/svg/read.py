@@ -326,13 +326,13 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         parts = sub_paths(SvgPath(shape))
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
+    rings = [points for points, _ in parts]
     if covers(shape):
-        is_paper = lightness(shape.fill) >= PAPER
-        builder.add_cover([points for points, _ in parts], is_paper)
+        builder.add_cover(rings, lightness(shape.fill) >= PAPER)
     if hides_white and is_drawn(shape.stroke) and is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
-        for points in (points for points, _ in parts if np.isfinite(points).all()):
+        for points in (ring for ring in rings if np.isfinite(ring).all()):
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif is_drawn(shape.stroke):
@@ -343,7 +343,7 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
             builder.add_polyline(points, is_curved, layer, style, pen)
     if is_drawn(shape.fill):
         hides = shape.fill.alpha == 255 and is_opaque(shape)
-        builder.add_fill([points for points, _ in parts], layer, rgb_of(shape.fill), hides)
+        builder.add_fill(rings, layer, rgb_of(shape.fill), hides)
 
 
 def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:

@@ -76,9 +76,8 @@ def apply_styles(root: ET.Element) -> tuple[str, ...]:
     variables = _variables(root, rules)
     unknown = Counter({"style sheet in another file": sum("@import" in text for text in texts)})
     _apply_rules(root, _ready(rules, unknown))
-    _outline_unstyled(
-        root, {name for rule in rules for name in _CLASS.findall(rule.words)}, unknown
-    )
+    styled = {name for rule in rules for name in _CLASS.findall(rule.words)}
+    _outline_unstyled(root, styled, unknown)
     for element in root.iter():
         if element.tag == STYLE:
             element.text = ""
