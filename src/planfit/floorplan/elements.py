@@ -151,9 +151,8 @@ def _element_lines(floorplan: Floorplan) -> Int[np.ndarray, " f"]:
     at = np.flatnonzero(segments.lengths(source.element_lines) > 0)
     lines = source.element_lines[at]
     middles = shapely.points(ends.mean(axis=1))
-    face, line = shapely.STRtree(line_strings(lines)).query(
-        middles, predicate="dwithin", distance=NEAR_M * units_per_metre
-    )
+    tree = shapely.STRtree(line_strings(lines))
+    face, line = tree.query(middles, "dwithin", NEAR_M * units_per_metre)
     along_face, along_line = segments.directions(ends[face]), segments.directions(lines[line])
     is_along = np.abs(np.einsum("ki,ki->k", along_face, along_line)) > PARALLEL
     face, line = face[is_along], line[is_along]

@@ -162,9 +162,8 @@ def _add(builder: DrawingBuilder, entity: DXFGraphic, layer: str, flatten: float
         except (TypeError, ValueError, ZeroDivisionError, OverflowError):
             return
         width = float(entity.dxf.const_width) if kind == "LWPOLYLINE" else 0.0
-        _add_path(
-            builder, made, layer, style, flatten, Pen(width, _colour(entity), _is_dashed(entity))
-        )
+        pen = Pen(width, _colour(entity), _is_dashed(entity))
+        _add_path(builder, made, layer, style, flatten, pen)
     elif kind in ("HATCH", "MPOLYGON"):
         rings = []
         for boundary in ezpath.from_hatch(entity):  # type: ignore[arg-type]

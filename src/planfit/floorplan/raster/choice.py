@@ -155,9 +155,8 @@ def _outline_share(solid: Interpretation, outlined: Interpretation) -> float:
     By length: partitions may be solid beside walls with outlines, and have more ink than these.
     """
     reach = 2 * round(outlined.candidate.grow_px * 2) + 3
-    beside = np.asarray(
-        cv2.dilate(outlined.candidate.mask, np.ones((reach, reach), np.uint8)), dtype=np.uint8
-    )
+    kernel = np.ones((reach, reach), np.uint8)
+    beside = np.asarray(cv2.dilate(outlined.candidate.mask, kernel), dtype=np.uint8)
     mask = solid.candidate.mask
     share = float((mask & beside).sum()) / max(int(mask.sum()), 1)
     thin = mask & (1 - opened(mask, reach))
@@ -279,9 +278,8 @@ def _walls_beside(
     forms = measure_forms(pieces)
     thickness, outline = forms.thickness, forms.outline
     is_wall = (forms.reach > ELONGATED * thickness) & (forms.straight > _STRAIGHT * outline)
-    beside = shapely.intersection(
-        shapely.boundary(pieces), shapely.buffer(around, 1.0, join_style="mitre")
-    )
+    near = shapely.buffer(around, 1.0, join_style="mitre")
+    beside = shapely.intersection(shapely.boundary(pieces), near)
     is_wall &= shapely.length(beside) < _MOST_CONTACT * outline
     is_black = other.candidate.style.family is WallStyle.BLACK
     across = _gaps(shapely.union_all(_valid(other.walls)), other.thickness_px) if is_black else None

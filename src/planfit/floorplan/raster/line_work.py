@@ -181,9 +181,8 @@ def between_lines(
         seeds = along_rows | along_columns
         narrow = closed(line_work.along[0] | line_work.along[1], limit + 2)
         narrow &= 1 - (line_work.along[0] | line_work.along[1] | tiles)
-        mask = np.bitwise_or(
-            _grown(seeds, narrow, limit, usual), _junctions(along_rows, along_columns, limit)
-        )
+        junctions = _junctions(along_rows, along_columns, limit)
+        mask = np.bitwise_or(_grown(seeds, narrow, limit, usual), junctions)
         if mask.any():
             result.append((mask, all_bars.free(narrow)))
     return result
@@ -250,9 +249,8 @@ def _grown(
     """Strips with the corners and the short strips that hang on to them; slits are left out."""
     near = np.asarray(cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8)))
     touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        narrow & near & (1 - seeds), connectivity=4
-    )
+    free = narrow & near & (1 - seeds)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
     is_added = np.zeros(count, dtype=bool)
     is_added[np.unique(labels[touching > 0])] = True
     side = stats[:, 2:4]

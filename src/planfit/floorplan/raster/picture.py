@@ -110,9 +110,8 @@ def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     small = cv2.resize(grey, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
     reach = max(small.shape) // 12 * 2 + 1
     # Larger than furniture and thick walls, smaller than the reach of shadows.
-    paper = cv2.morphologyEx(
-        cv2.medianBlur(small, 3), cv2.MORPH_CLOSE, np.ones((reach, reach), np.uint8)
-    )
+    kernel = np.ones((reach, reach), np.uint8)
+    paper = cv2.morphologyEx(cv2.medianBlur(small, 3), cv2.MORPH_CLOSE, kernel)
     paper = cv2.GaussianBlur(paper.astype(np.float32), (0, 0), reach / 4)
     paper = cv2.resize(paper, (w, h), interpolation=cv2.INTER_LINEAR)
     # In place: of a large sheet each copy takes a hundred megabytes.

@@ -94,9 +94,8 @@ def _lies_along_a_side(
     for axis in (0, 1):
         across = 1 - axis
         near = 0.02 * size[across] + 2
-        is_at_side = box[across] < low[across] + near or (
-            box[across] + box[2 + across] > high[across] - near
-        )
+        end = box[across] + box[2 + across]
+        is_at_side = box[across] < low[across] + near or end > high[across] - near
         is_bar = box[2 + axis] > _WHOLE_SIDE * size[axis] and box[2 + across] < _FLAT * size[across]
         if is_at_side and is_bar and box[4] > _SOLID * box[2] * box[3]:
             return True
@@ -252,9 +251,8 @@ def dark_sides(image_bgr: UInt8[np.ndarray, "h w 3"]) -> int:
     h, w = image_bgr.shape[:2]
     shrink = max(1.0, max(h, w) / _DESK_SIDE_PX)
     size = (max(round(w / shrink), 1), max(round(h / shrink), 1))
-    small = cv2.cvtColor(
-        cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA), cv2.COLOR_BGR2GRAY
-    )
+    small = cv2.resize(image_bgr, size, interpolation=cv2.INTER_AREA)
+    small = cv2.cvtColor(small, cv2.COLOR_BGR2GRAY)
     sheet = float(np.median(small))
     if sheet < 100:  # a drawing in white on dark
         return 0

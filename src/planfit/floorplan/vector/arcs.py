@@ -71,9 +71,8 @@ def arc_segments(lines: Lines) -> Bool[np.ndarray, " n"]:
     starts = np.flatnonzero(np.concatenate([[True], ~joined]))
     stops = np.append(starts[1:], n)
     turned = np.concatenate([[0.0], np.cumsum(bend)])
-    is_likely = (stops - starts >= MIN_SEGMENTS) & (
-        np.abs(turned[stops - 1] - turned[starts]) > _MIN_TURN
-    )
+    turn = np.abs(turned[stops - 1] - turned[starts])
+    is_likely = (stops - starts >= MIN_SEGMENTS) & (turn > _MIN_TURN)
     for start, stop in zip(starts[is_likely].tolist(), stops[is_likely].tolist(), strict=True):
         points = np.concatenate([lines.ends[start:stop, 0], lines.ends[stop - 1 : stop, 1]])
         circle = fit_circle(points)
@@ -87,9 +86,8 @@ def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"
     whether it goes on where that ends, on one path."""
     along, length = segments.directions(lines.ends), segments.lengths(lines.ends)
     gap = np.linalg.norm(lines.ends[1:, 0] - lines.ends[:-1, 1], axis=1)
-    is_one = (lines.path[:-1] == lines.path[1:]) & (
-        gap < 1e-3 * np.minimum(length[:-1], length[1:])
-    )
+    shorter = np.minimum(length[:-1], length[1:])
+    is_one = (lines.path[:-1] == lines.path[1:]) & (gap < 1e-3 * shorter)
     return segments.turns(along[:-1], along[1:]), is_one
 
 

@@ -235,11 +235,9 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
     if len(rings) < 2 or not rings[0].contains(rings[1]):
         return none
     outer, inner = rings
-    strings = line_strings(lines.ends)
-    inside = segments.lengths(lines.ends)[
-        shapely.covers(shapely.buffer(outer, EDGE * extent), strings)
-    ]
-    if inside.sum() < _AROUND * segments.lengths(lines.ends).sum():
+    length = segments.lengths(lines.ends)
+    is_inside = shapely.covers(shapely.buffer(outer, EDGE * extent), line_strings(lines.ends))
+    if length[is_inside].sum() < _AROUND * length.sum():
         return none
     apart = shapely.distance(shapely.points(shapely.get_coordinates(outer)), inner).max()
     if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < EDGE * extent:

@@ -150,9 +150,8 @@ def faces_of_lines(
     free_side = np.where(free_side != 0, free_side, sides_with_room(ends, thickness.most))
     has_room = free_side != 0
     # No wall is where one of two lines has room towards the other.
-    near = find_partners(
-        ends, thickness.most, thickness.least, 0.5 * thickness.least, PARALLEL_SINE
-    )
+    least, most = thickness.least, thickness.most
+    near = find_partners(ends, most, least, 0.5 * least, PARALLEL_SINE)
     near = near.take(~_are_beside_single(ends, near, is_surely_wall))
     is_long = near.high - near.low > 0.8 * np.abs(near.gap)
     pairs = near.take(is_long & ~_is_free_between(ends, near, free_side))
@@ -166,9 +165,8 @@ def faces_of_lines(
     pairs = pairs.take(~is_out & ~_is_free_between(ends, pairs, free_side))
     # Of the rest the nearer and longer neighbour decides.
     wall_side = wall_sides(ends, pairs, free_side)
-    keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (
-        wall_side[pairs.partner] == side_seen_from_partner(ends, pairs)
-    )
+    seen = side_seen_from_partner(ends, pairs)
+    keep = (wall_side[pairs.line] == np.sign(pairs.gap)) & (wall_side[pairs.partner] == seen)
     pairs = pairs.take(keep)
     is_certain = has_room[pairs.line] & has_room[pairs.partner]
     reach = MAX_OPENING * _usual_of_certain(pairs, is_certain, thickness)
@@ -264,9 +262,8 @@ def _standing(
     in_pair = np.zeros(n, dtype=bool)
     in_pair[pairs.line] = True
     at = np.flatnonzero(in_pair)
-    a, b = shapely.STRtree(lines[at]).query(
-        lines[at], predicate="dwithin", distance=0.05 * thickness.usual
-    )
+    near = 0.05 * thickness.usual
+    a, b = shapely.STRtree(lines[at]).query(lines[at], "dwithin", near)
     a, b = np.concatenate([at[a], pairs.line]), np.concatenate([at[b], pairs.partner])
     group = connected_groups(a, b, n)
     count = int(group.max(initial=-1)) + 1
@@ -300,9 +297,8 @@ def _piers(
     old = np.flatnonzero(stands[pairs.line])
     if len(new) == 0 or len(old) == 0:
         return found
-    a, b = shapely.STRtree(strings[pairs.line[old]]).query(
-        strings[pairs.line[new]], predicate="dwithin", distance=reach
-    )
+    tree = shapely.STRtree(strings[pairs.line[old]])
+    a, b = tree.query(strings[pairs.line[new]], "dwithin", reach)
     a, b = new[a], old[b]
     off = np.zeros(len(a))
     for mine, other in ((pairs.line, pairs.line), (pairs.partner, pairs.partner)):

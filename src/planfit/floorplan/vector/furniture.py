@@ -85,9 +85,8 @@ def are_furniture(
             continue
         # A room is wider than what furniture has within its parts, as the seat of a sofa.
         cores = shapely.buffer(areas, -ROOM / 2 * thickness.most, quad_segs=16)
-        is_body = bool(shapely.is_empty(cores).all()) and _looks_out(
-            ends[own], free_side[own], hull
-        )
+        is_slim = bool(shapely.is_empty(cores).all())
+        is_body = is_slim and _looks_out(ends[own], free_side[own], hull)
         result[own] = (is_body or not has_faces[one]) and not walls.go_on(int(one))
     return result
 
@@ -99,9 +98,8 @@ def _looks_out(
     length = segments.lengths(ends)
     step = (1e-3 * np.sqrt(hull.area)) * free_side[:, None] * segments.left_normals(ends)
     is_inward = shapely.contains(hull, shapely.points(ends.mean(axis=1) + step))
-    on_hull = (
-        shapely.distance(hull.boundary, shapely.points(ends.mean(axis=1))) < 1e-3 * hull.length
-    )
+    middles = shapely.points(ends.mean(axis=1))
+    on_hull = shapely.distance(hull.boundary, middles) < 1e-3 * hull.length
     outward = length[(free_side != 0) & on_hull & ~is_inward].sum()
     inward = length[(free_side != 0) & on_hull & is_inward].sum()
     return bool(outward > max(AROUND * hull.length, inward))

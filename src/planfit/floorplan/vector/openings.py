@@ -215,9 +215,8 @@ def _is_in_wall(
     direction = (box[1] - box[0]) / length
     outwards = np.outer([-1.0, 1.0, 1.0, -1.0], direction) * width
     is_parallel = np.abs(segments.left_normals(ends) @ direction) < PARALLEL_SINE
-    corner, line = tree.query(
-        shapely.points(box + 0.5 * outwards), predicate="dwithin", distance=2 * tolerance
-    )
+    beyond = shapely.points(box + 0.5 * outwards)
+    corner, line = tree.query(beyond, "dwithin", 2 * tolerance)
     goes_on = set(corner[is_parallel[line]].tolist())
     if not (goes_on & {0, 3} and goes_on & {1, 2}):
         return False
@@ -245,9 +244,8 @@ def _is_layered(
         return False
     near = tree.query(shapely.Polygon(box), predicate="dwithin", distance=2 * tolerance)
     local = (ends[near] - box[0]) @ np.stack([along / length, across / width], axis=1)
-    covered = np.minimum(local[..., 0].max(axis=1), length) - np.maximum(
-        local[..., 0].min(axis=1), 0
-    )
+    first, last = local[..., 0].min(axis=1), local[..., 0].max(axis=1)
+    covered = np.minimum(last, length) - np.maximum(first, 0)
     is_through = (covered > 0.8 * length) & (np.ptp(local[..., 1], axis=1) < 2 * tolerance)
     at = local[is_through, :, 1].mean(axis=1)
     is_low, is_high = at < 2 * tolerance, at > width - 2 * tolerance

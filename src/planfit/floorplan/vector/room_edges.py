@@ -108,9 +108,8 @@ def edges_between_rooms(rooms: list[BaseGeometry], tolerance: float) -> Float[np
     what lies in a room."""
     parts = _simple_parts(rooms, tolerance)
     inner, outer = shapely.STRtree(shapely.buffer(parts, tolerance)).query(parts, "within")
-    parts = np.delete(
-        parts, inner[(inner != outer) & (shapely.area(parts)[inner] < shapely.area(parts)[outer])]
-    )
+    area = shapely.area(parts)
+    parts = np.delete(parts, inner[area[inner] < area[outer]])
     one, other = shapely.STRtree(parts).query(parts, "dwithin", tolerance)
     one, other = one[one < other], other[one < other]
     rings = shapely.boundary(parts)

@@ -216,9 +216,8 @@ def lines_of_tables(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     along = np.abs(segments.directions(ends))
     strings = line_strings(ends)
     for axis in (0, 1):
-        at = np.flatnonzero(
-            (along[:, axis] > np.cos(1e-3)) & (segments.lengths(ends) > 0.1 * extent)
-        )
+        is_long = segments.lengths(ends) > 0.1 * extent
+        at = np.flatnonzero((along[:, axis] > np.cos(1e-3)) & is_long)
         margins = np.round(np.sort(ends[at][:, :, axis], axis=1) / near).astype(int)
         _, group, count = np.unique(margins, axis=0, return_inverse=True, return_counts=True)
         for k in np.flatnonzero(count >= LEAST_RULES):
@@ -252,9 +251,8 @@ def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     ticks = ticks[~meets.any(axis=1)]
     middles = lines.ends[ticks].mean(axis=1)
     points = np.asarray(shapely.points(middles), dtype=object)
-    k, base = shapely.STRtree(strings).query(
-        points, predicate="dwithin", distance=0.1 * LONGEST_TICK * extent
-    )
+    reach = 0.1 * LONGEST_TICK * extent
+    k, base = shapely.STRtree(strings).query(points, "dwithin", reach)
     tick = ticks[k]
     sine = np.abs(along[tick, 0] * along[base, 1] - along[tick, 1] * along[base, 0])
     start = middles[k] - lines.ends[base, 0]

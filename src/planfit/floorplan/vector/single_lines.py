@@ -124,9 +124,8 @@ def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> Wal
         total = segments.lengths(faces.ends).sum()
         very_long = length[own][length[own] > 0.1 * extent].sum()
         is_corner = _room(faces.ends) < 0.5 * _room(rest.ends[own])
-        is_single = total < FEW_SHARE * very_long or (
-            is_corner and total < SINGLE_SHARE * left.sum()
-        )
+        is_little = is_corner and total < SINGLE_SHARE * left.sum()
+        is_single = total < FEW_SHARE * very_long or is_little
         at = own if is_single or len(faces.ends) == 0 else own[:0]
     others = rest.ends[np.setdiff1d(own, at)]
     around = _around_faces(others, candidates.ends, faces, extent)

@@ -74,9 +74,8 @@ def are_bodies(
     pairs = find_partners(ends[chosen], PAIR_GAP * widest, 1e-6 * extent, 0.0, PARALLEL_SINE)
     is_near = np.abs(pairs.gap) < PAIR_GAP * width[chosen][pairs.line]
     is_near &= np.abs(pairs.gap) > 0.5 * width[chosen][pairs.line]
-    beside = covered_lengths(
-        pairs.line[is_near], pairs.low[is_near], pairs.high[is_near], len(chosen)
-    )
+    near = pairs.take(is_near)
+    beside = covered_lengths(near.line, near.low, near.high, len(chosen))
     if beside.sum() > PAIRED * length[chosen].sum():
         return none
     body = body_of_strokes(ends[chosen], width[chosen])

@@ -326,10 +326,8 @@ def scale_of_rooms(
             continue
         n_rooms += 1
         # Along x and y, or the other way about.
-        along, across = (
-            np.log(np.array(sides) / room) for sides in (size.sides_m, size.sides_m[::-1])
-        )
-        logs = min(along, across, key=lambda pair: abs(pair[0] - pair[1]))
+        both = [np.log(np.array(sides) / room) for sides in (size.sides_m, size.sides_m[::-1])]
+        logs = min(both, key=lambda pair: abs(pair[0] - pair[1]))
         if abs(logs[0] - logs[1]) < SIZES_AGREE:
             scales.append(float(logs.mean()))
             sizes.append(size)

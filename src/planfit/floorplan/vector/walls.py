@@ -108,9 +108,8 @@ def walls_of_drawing(
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
     solids, rooms, apart_words = _solids_and_rooms(drawing, roles, lines, is_row, bounds[1], extent)
-    opened = open_walls(
-        solids, closed_pieces(lines, roles, bounds[1]), lines, drawing.fills, roles, extent
-    )
+    pieces = closed_pieces(lines, roles, bounds[1])
+    opened = open_walls(solids, pieces, lines, drawing.fills, roles, extent)
     solids, pieces = opened.solids, opened.pieces
     has_form, words = _have_form_of_faces(lines, is_row, swings)
     dropped += words

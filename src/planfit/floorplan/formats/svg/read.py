@@ -308,9 +308,8 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
     shapes = svg.get_element_by_id(name)
     if shapes is None:
         return None
-    transform = Matrix(_own(element).get(GROUP_TRANSFORM) or "") * Matrix(
-        element.values.get("transform") or ""
-    )
+    own = Matrix(element.values.get("transform") or "")
+    transform = Matrix(_own(element).get(GROUP_TRANSFORM) or "") * own
     area: BaseGeometry = shapely.Polygon()
     crossings = SelfCrossings()
     for shape in shapes if isinstance(shapes, list) else []:
