@@ -181,12 +181,10 @@ def _are_apart(
         return False
     for extent, boxes, beyond in ((one, one_boxes, other), (other, other_boxes, one)):
         band = _BAND * (extent[across + 2] - extent[across])
-        is_before = extent[across] < beyond[across]
-        at_side = (
-            boxes[:, across + 2] > extent[across + 2] - band
-            if is_before
-            else boxes[:, across] < extent[across] + band
-        )
+        if extent[across] < beyond[across]:
+            at_side = boxes[:, across + 2] > extent[across + 2] - band
+        else:
+            at_side = boxes[:, across] < extent[across] + band
         if _covered(boxes[at_side][:, [along, along + 2]], low, high) < _WALLED:
             return False
     return True
@@ -325,9 +323,9 @@ def join_storeys(plans: Mapping[int, Floorplan]) -> Floorplan:
     """
     parts = list(plans.values())
     is_thick = any(part.thickness is not None for part in parts)
-    unknown = [np.full(len(part), np.nan) for part in parts]
-    thickness = [part.thickness if part.thickness is not None else nan
-                 for part, nan in zip(parts, unknown, strict=True)]  # fmt: skip
+    thickness = [
+        np.full(len(part), np.nan) if part.thickness is None else part.thickness for part in parts
+    ]
     return Floorplan(
         " and ".join(dict.fromkeys(part.name for part in parts)),
         np.concatenate([part.ends for part in parts]),

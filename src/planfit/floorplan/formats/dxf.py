@@ -271,9 +271,7 @@ def _flattening_distance(space) -> float:
     """A thousandth of a likely extent: curves of walls keep their course, circles stay small."""
     points = [e.dxf.start for e in space.query("LINE")]
     points += [p for e in space.query("LWPOLYLINE") for p in e.get_points("xy")]
-    if len(points) < 2:
-        return 0.01
-    flat = np.array([(p[0], p[1]) for p in points], dtype=float)
+    flat = _xy(points)
     flat = flat[np.isfinite(flat).all(axis=1) & (np.abs(flat) < ABSURD).all(axis=1)]
     if len(flat) < 2:
         return 0.01

@@ -311,6 +311,7 @@ def _to_floorplan(
     picture_from_upright = _picture_from(upright)
     unit = choose_unit(options.unit, options.metres_per_unit)
     mirror = np.array([1.0, -1.0])
+    storeys = tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
     return Floorplan(
         name,
         segments.moved(faces.ends, picture_from_upright) * mirror,
@@ -324,9 +325,7 @@ def _to_floorplan(
             unit="px" if unit.metres is None else f"px of {unit.metres:g} m",
             unit_from=unit.known_from,
             storey=options.storey,
-            storeys=tuple(f"{k}: {w}" for k, w in enumerate(found.storeys))
-            if len(found.storeys) > 1
-            else (),
+            storeys=storeys if len(storeys) > 1 else (),
             dropped=dropped_words(interpretation, shrink),
             warnings=_warnings(found, interpretation, upright, options, shrink),
             file_from_plan=np.diag([1.0, -1.0, 1.0]),

@@ -65,17 +65,16 @@ def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
         if len(at) == 0 or role not in (Role.WALL, Role.OPENING):
             continue
         if role == Role.OPENING:
-            columns = find_column_rings(lines.ends[at], _COLUMN * most, is_wall_layer=False)
-            found, used = [*found, *columns], [*used, *[layer][: len(columns)]]
-            continue
-        areas = _closed_areas(lines.take(at))
-        slim = areas[[area.buffer(-most / 2).is_empty for area in areas]] if len(areas) else areas
-        if shapely.length(slim).sum() < MIN_SHARE * length[at].sum():
-            slim = find_column_rings(lines.ends[at], _COLUMN * most)
-        if len(slim) == 0:
-            continue
-        used.append(layer)
-        found += [*slim]
+            own = find_column_rings(lines.ends[at], _COLUMN * most, is_wall_layer=False)
+        else:
+            areas = _closed_areas(lines.take(at))
+            is_slim = np.array([area.buffer(-most / 2).is_empty for area in areas], dtype=bool)
+            own = areas[is_slim]
+            if shapely.length(own).sum() < MIN_SHARE * length[at].sum():
+                own = find_column_rings(lines.ends[at], _COLUMN * most)
+        if len(own):
+            used.append(layer)
+            found += [*own]
     return ClosedPieces(found, np.array(used, dtype=int), _COLUMN * most)
 
 

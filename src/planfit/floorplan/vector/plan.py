@@ -83,13 +83,12 @@ def plan_of_drawing(
     if not options.layers:
         drawing, roles = without_sheet(drawing, roles)
     walls, unit = _walls_and_unit(drawing, roles, bars, path, options)
+    unread = [*walls.dropped]
     if drawing.hidden_layers:
-        hidden = f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}"
-        walls = replace(walls, dropped=(*walls.dropped, hidden))
+        unread.append(f"layers that are off or frozen: {', '.join(drawing.hidden_layers)}")
     if walls.shared_edges > 0:
         edges = length_words(walls.shared_edges, unit.metres)
-        shared = f"{edges} of edges where two rooms meet without a wall between them"
-        walls = replace(walls, dropped=(*walls.dropped, shared))
+        unread.append(f"{edges} of edges where two rooms meet without a wall between them")
     origin = _origin(walls.faces.ends)
     walls, storeys = _of_storey(walls, drawing, path, options.storey)
     left, doubts = words_on_layers(walls.by_layer, unit.metres, bool(options.layers))
@@ -113,7 +112,7 @@ def plan_of_drawing(
             storey=options.storey if storeys else "",
             storeys=storeys,
             layers=tuple(name for name in walls.layers if name),
-            dropped=(*dropped, *left, *walls.dropped),
+            dropped=(*dropped, *left, *unread),
             warnings=warnings,
             file_from_plan=file_from_drawing
             @ np.array([[1 / scale, 0, origin[0]], [0, 1 / scale, origin[1]], [0, 0, 1]]),

@@ -14,13 +14,7 @@ from planfit.floorplan.vector.areas import (
     outside_rooms,
 )
 from planfit.floorplan.vector.drawing import Lines
-from planfit.floorplan.vector.line_work import (
-    Candidates,
-    WallFaces,
-    cut_out,
-    outlines,
-    path_rings,
-)
+from planfit.floorplan.vector.line_work import Candidates, WallFaces, cut_out, outlines, path_rings
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.geometry import segments
 

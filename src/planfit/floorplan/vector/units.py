@@ -130,11 +130,9 @@ def unit_of_drawing(
                 f"the file says its unit is {drawing.unit}, which makes a building of "
                 f"{extent:.3g} m: not used",
             )
-            if by_dimensions is None:
-                return PlanUnit("unknown", "", None, warnings)
     if by_dimensions is not None:
         return replace(by_dimensions, warnings=warnings)
-    if drawing.unit == "paper":
+    if drawing.unit == "paper" or claimed is not None:
         return PlanUnit("unknown", "", None, warnings)
     return _guess(size, usual_thickness)
 
