@@ -61,23 +61,13 @@ def trajectory_metrics(
     """ATE and RPE of poses before and after, in the truth's frame; RPE over `delta_m` of path, too."""
     idx, true = truth.frame_idx, truth.target_from_cams
     first, last = (position_errors(poses[idx], true) for poses in (before, after))
+    aligned_m = first.aligned_rms_m, last.aligned_rms_m
+    turned_deg = first.rotation_mean_deg, last.rotation_mean_deg
     metrics = [
         Metric("ate_rms", "position error (ATE), RMS, not aligned", "m", first.rms_m, last.rms_m),
         Metric("ate_max", "   the largest", "m", first.max_m, last.max_m),
-        Metric(
-            "ate_aligned_rms",
-            "   rigidly aligned, RMS",
-            "m",
-            first.aligned_rms_m,
-            last.aligned_rms_m,
-        ),
-        Metric(
-            "rotation_mean",
-            "orientation error, mean, not aligned",
-            "deg",
-            first.rotation_mean_deg,
-            last.rotation_mean_deg,
-        ),
+        Metric("ate_aligned_rms", "   rigidly aligned, RMS", "m", *aligned_m),
+        Metric("rotation_mean", "orientation error, mean, not aligned", "deg", *turned_deg),
     ]
     for name, words, delta in (
         ("rpe_next", "to the next frame", None),
@@ -87,15 +77,10 @@ def trajectory_metrics(
         if a is None or b is None:
             continue
         words = f"relative error (RPE) {words}, RMS"
+        turned_deg = a.rotation_rms_deg, b.rotation_rms_deg
         metrics += [
             Metric(f"{name}_translation_rms", words, "m", a.translation_rms_m, b.translation_rms_m),
-            Metric(
-                f"{name}_rotation_rms",
-                "   its rotation, RMS",
-                "deg",
-                a.rotation_rms_deg,
-                b.rotation_rms_deg,
-            ),
+            Metric(f"{name}_rotation_rms", "   its rotation, RMS", "deg", *turned_deg),
         ]
     return metrics
 

@@ -72,51 +72,26 @@ def key_metrics(
         KeyMetric(*_words(check), check.before, check.after, check.unit, check.is_worse)
         for check in result.checks
     ]
-    pairs: list[tuple[str, str, float, float]] = []
+
+    def add(name: str, meaning: str, first: float, last: float) -> None:
+        metrics.append(KeyMetric(name, meaning, first, last, "m", last > 1.02 * first + 1e-4))
+
     before, after = both.before, both.after
     if both.is_aligned and before.walls is not None and after.walls is not None:
-        pairs.append(
-            (
-                "Distance to the plan (NSD)",
-                "mean distance of scanned wall points to the nearest drawn wall",
-                before.walls.nsd_m,
-                after.walls.nsd_m,
-            )
-        )
+        meaning = "mean distance of scanned wall points to the nearest drawn wall"
+        add("Distance to the plan (NSD)", meaning, before.walls.nsd_m, after.walls.nsd_m)
     if before.floor is not None and after.floor is not None:
-        pairs += [
-            (
-                "Floor, half of the points",
-                "lie within this of their median height",
-                before.floor.height_median_m,
-                after.floor.height_median_m,
-            ),
-            (
-                "Floor, all points",
-                "RMS height about their mean; counts things that lie on the floor too",
-                before.floor.height_rms_m,
-                after.floor.height_rms_m,
-            ),
-        ]
+        first, last = before.floor, after.floor
+        meaning = "lie within this of their median height"
+        add("Floor, half of the points", meaning, first.height_median_m, last.height_median_m)
+        meaning = "RMS height about their mean; counts things that lie on the floor too"
+        add("Floor, all points", meaning, first.height_rms_m, last.height_rms_m)
     if truth:
-        pairs += [
-            (
-                "Position error",
-                "RMS distance of camera positions to the true ones",
-                truth.before_rms_m,
-                truth.after_rms_m,
-            ),
-            (
-                "Position error, shape only",
-                "the same after the best rigid fit to the true positions",
-                truth.before_aligned_rms_m,
-                truth.after_aligned_rms_m,
-            ),
-        ]
-    metrics += [
-        KeyMetric(name, meaning, first, last, "m", last > 1.02 * first + 1e-4)
-        for name, meaning, first, last in pairs
-    ]
+        meaning = "RMS distance of camera positions to the true ones"
+        add("Position error", meaning, truth.before_rms_m, truth.after_rms_m)
+        meaning = "the same after the best rigid fit to the true positions"
+        aligned_m = truth.before_aligned_rms_m, truth.after_aligned_rms_m
+        add("Position error, shape only", meaning, *aligned_m)
     return metrics
 
 
