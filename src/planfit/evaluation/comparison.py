@@ -20,7 +20,13 @@ from planfit.evaluation.agreement import (
     near_pairs,
     read_thumbnails,
 )
-from planfit.evaluation.evaluate import ComparedPoses, EvaluateOptions, RefinedPoses, evaluate
+from planfit.evaluation.evaluate import (
+    ComparedPoses,
+    EvaluateOptions,
+    RefinedPoses,
+    evaluate,
+    levelled,
+)
 from planfit.evaluation.map_quality import MapOptions
 from planfit.evaluation.metrics import Metric
 from planfit.evaluation.surfaces import NEAR_FACE_M, wall_distances, wall_frame_idx
@@ -34,13 +40,6 @@ from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.runtime import Changeable, Runtime, require_kinds, short_repr
 from planfit.scan import Scan, calibrated_scan
-from planfit.segmentation import (
-    SegmentationOptions,
-    Structure,
-    find_gravity,
-    level_from_world,
-    segment_scan,
-)
 
 Side = Literal["a", "b", "neither"]
 Poses = Float[np.ndarray, "n 4 4"] | RefinedPoses
@@ -215,7 +214,7 @@ def _side_by_side(
         upright = results[0].initial_plan_from_cams[0] @ se3.inverse(scan.world_from_cams[0])
         structure = results[0].structure
     else:
-        upright, structure = _levelled(scan, runtime)
+        upright, structure = levelled(scan, runtime)
     compared = ComparedPoses(structure, worlds, (upright @ world_a, upright @ world_b))
     return compared, "world", _told_of_two_plans(on_plan)
 
@@ -260,13 +259,6 @@ def _by_its_walls(
     eyes = upright[patches.frame_idx, :2, 3]
     walls = sample_walls(*wall_patches_in_plan(patches, upright), seen_from=eyes)
     return align(walls, result.floorplan, recorded=np.eye(4)).plan_from_level @ upright
-
-
-def _levelled(scan: Scan, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
-    options = SegmentationOptions()
-    gravity = find_gravity(scan, runtime)
-    structure = segment_scan(scan, gravity, options, runtime)
-    return level_from_world(gravity, structure.floor_height_m), structure
 
 
 def _match_metrics(

@@ -172,18 +172,23 @@ def _compare_with_recorded(
     runtime: Runtime,
 ) -> ComparedPoses:
     """Poses alone, in the plan frame where there is a plan, else in the scan's own axes."""
-    options, recorded = SegmentationOptions(), scan.world_from_cams
-    gravity = find_gravity(scan, runtime)
-    structure = segment_scan(scan, gravity, options, runtime)
+    recorded = scan.world_from_cams
+    level, structure = levelled(scan, runtime)
     if floorplan is None:
         require(
             truth is None or truth.frame == "world",
             "truth: expected the scan's own axes, as poses without a plan are in these, found the plan's",
         )
-        level = level_from_world(gravity, structure.floor_height_m)
         return ComparedPoses(structure, (recorded, poses), (level @ recorded, level @ poses))
     require(floorplan.is_metric, f"{floorplan.name}: expected a plan in metres, found no unit")
     plan_from_world = se3.fit_rigid(recorded[:, :3, 3], poses[:, :3, 3])
     in_world = se3.inverse(plan_from_world) @ poses
     on_plan = (plan_from_world @ recorded, poses)
     return ComparedPoses(structure, (recorded, in_world), on_plan, floorplan)
+
+
+def levelled(scan: Scan, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
+    """level_from_world of a scan, by its gravity and floor, and its floor and walls."""
+    gravity = find_gravity(scan, runtime)
+    structure = segment_scan(scan, gravity, SegmentationOptions(), runtime)
+    return level_from_world(gravity, structure.floor_height_m), structure
