@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.as_built.lines_of_sight import (
@@ -18,6 +16,7 @@ from planfit.as_built.lines_of_sight import (
 )
 from planfit.as_built.wall_offsets import PlacedWalls
 from planfit.floorplan import Floorplan
+from planfit.floorplan.faces import connected_groups
 from planfit.priors import SURFACE_TILT_MOST_DEG
 
 SAME_WALL_M = 0.15
@@ -153,8 +152,5 @@ def _in_line(
         & (np.abs(np.sum(between * normals[j], axis=1)) < SAME_WALL_M)
         & (np.abs(np.sum(between * along[i], axis=1)) < (length[i] + length[j]) / 2 + MAX_GAP_M)
     )
-    pairs = (np.ones(joined.sum()), (i[joined], j[joined]))
-    graph = sparse.coo_array(pairs, shape=(len(ends), len(ends)))
-    # Patches that are joined pairwise are one wall: connected components of the graph of pairs.
-    n_groups, group = connected_components(graph, directed=False)
-    return [np.flatnonzero(group == k) for k in range(n_groups)]
+    group = connected_groups(i[joined], j[joined], len(ends))
+    return [np.flatnonzero(group == k) for k in range(group.max() + 1)]

@@ -120,18 +120,12 @@ def _measurements(
     Squares are half a window wide, so that every window holds measurements of every frame that shows it.
     """
     patch = np.repeat(np.arange(len(walls)), np.diff(walls.start))
-    frames = walls.frame_idx[patch]
     normals = np.einsum(
         "kij,kj->ki", target_from_cams[walls.frame_idx][:, :3, :3], walls.normals_cam
     )
     normals[:, 2] = 0.0
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    points = np.zeros((len(patch), 3))
-    for first in range(
-        0, len(patch), 1_000_000
-    ):  # each point takes a transform of its own, 128 bytes
-        part = slice(first, first + 1_000_000)
-        points[part] = se3.transform_each(target_from_cams[frames[part]], walls.points_cam[part])
+    points = se3.transform_indexed(target_from_cams, walls.frame_idx[patch], walls.points_cam)
     side = WINDOW_M / 2
     along = points[:, 1] * normals[patch, 0] - points[:, 0] * normals[patch, 1]
     square = np.stack(

@@ -161,9 +161,7 @@ def thin(points: Float[np.ndarray, "m 3"], voxel_m: float) -> Float[np.ndarray, 
     # One integer a cube; sorted by it, the points of a cube follow each other and reduceat adds them.
     key = (cube[:, 0] * ny + cube[:, 1]) * nz + cube[:, 2]
     order = np.argsort(key, kind="stable")
-    key = key[order]
-    start = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
-    sizes = np.diff(np.concatenate([start, [len(key)]]))
+    _, start, sizes = np.unique(key[order], return_index=True, return_counts=True)
     return np.add.reduceat(points[order], start, axis=0) / sizes[:, None]
 
 

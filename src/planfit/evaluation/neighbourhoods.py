@@ -72,15 +72,11 @@ def make_grid(
     edge = radius_m / cells_per_radius
     key = _keys(points, origin, edge)
     order = np.argsort(key, kind="stable")
-    key = key[order]
-    is_first = np.concatenate([[True], key[1:] != key[:-1]])[: len(key)]
-    start = np.concatenate([np.flatnonzero(is_first), [len(key)]])
-    key = key[start[:-1]]
+    key, start = np.unique(key[order], return_index=True)
     # The key packs x, y, z in 21 bits each, x first: sorted, cells of one column (x, y) are neighbours.
     cells = np.stack([key >> 42, (key >> 21) & 0x1FFFFF, key & 0x1FFFFF], axis=1)
-    column = key >> 21
-    is_first = np.concatenate([[True], column[1:] != column[:-1]])[: len(column)]
-    column_start = np.concatenate([np.flatnonzero(is_first), [len(column)]])
+    columns, column_start = np.unique(key >> 21, return_index=True)
+    start, column_start = np.append(start, len(order)), np.append(column_start, len(key))
     sorted_points = np.ascontiguousarray((points[order] - origin).T, dtype=float)
     return NeighbourGrid(
         radius=radius_m,
@@ -91,7 +87,7 @@ def make_grid(
         cells=cells,
         start=start,
         column_start=column_start,
-        table=fill_table(column[column_start[:-1]]),
+        table=fill_table(columns),
         sums=sum_cells(sorted_points, start, cells, edge),
     )
 
