@@ -19,7 +19,7 @@ from planfit.corrections.types import Pixel
 from planfit.errors import OptionError, ScanError
 from planfit.export.cloud import read_ply_points
 from planfit.floorplan import Floorplan
-from planfit.geometry import se3
+from planfit.geometry import se3, segments
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
@@ -67,15 +67,6 @@ class PickedPoints:
             )
         return {"pixel": [float(u), float(v)]}
 
-    def rim_of(
-        self, plan_xy_m: Sequence[Sequence[float]], record: dict[str, Any]
-    ) -> list[list[float]]:
-        """Points of the plan frame (m) in the coordinates at the rim of its picture."""
-        assert self.floorplan is not None
-        rim = self.floorplan.source.rim_from_plan
-        own = np.array(plan_xy_m) / metres_per_unit(record)
-        return np.round(own @ rim[:2, :2].T + rim[:2, 2], 4).tolist()
-
     def mark(self, place: Place, record: dict[str, Any]) -> dict[str, Any] | None:
         """Of a place picked in an image: its point in the frame's axes, and where it should be, in the plan
         (m) and at its rim; None where that is not told."""
@@ -105,6 +96,13 @@ class PickedPoints:
 def metres_per_unit(record: dict[str, Any]) -> Sequence[float]:
     """Of the plan, along x and y, as a run found it."""
     return ((record.get("alignment") or {}).get("metres_per_unit_xy")) or (1.0, 1.0)
+
+
+def at_rim(
+    floorplan: Floorplan, plan_xy_m: Float[np.ndarray, "k 2"], record: dict[str, Any]
+) -> Float[np.ndarray, "k 2"]:
+    """Points of the plan frame (m) in the coordinates at the rim of its picture."""
+    return segments.moved(plan_xy_m / metres_per_unit(record), floorplan.source.rim_from_plan)
 
 
 def _sensor(record: dict[str, Any]) -> SensorCalibration:
@@ -153,24 +151,20 @@ def to_drag(
 
     Raises: as `shape_from_above`.
     """
-    scale = np.array(metres_per_unit(record))
-    rim = floorplan.source.rim_from_plan
     middle = np.append(positions[:, :2].mean(axis=0), np.median(positions[:, 2]))
     angles = np.deg2rad([90.0, 210.0, 330.0])
     around = np.stack([np.cos(angles), np.sin(angles), np.zeros(3)], axis=1)
     anchors = middle + ANCHOR_M * around
     world_from_plan = se3.inverse(np.array(record["plan_from_world_before"], dtype=float))
-    world = se3.transform(world_from_plan, anchors)
-
-    def at_rim(xy: Float[np.ndarray, "k 2"]) -> list[list[float]]:
-        return np.round((xy / scale) @ rim[:2, :2].T + rim[:2, 2], 4).tolist()
-
+    world = np.round(se3.transform(world_from_plan, anchors), 4)
+    shape_xy = shape_from_above(folder, positions)
+    shape, rim = (np.round(at_rim(floorplan, xy, record), 4) for xy in (shape_xy, anchors[:, :2]))
     return {
         "anchor_m": ANCHOR_M,
-        "points": at_rim(shape_from_above(folder, positions)),
+        "points": shape.tolist(),
         "anchors": [
             {"rim": xy, "scan": point}
-            for xy, point in zip(at_rim(anchors[:, :2]), np.round(world, 4).tolist(), strict=True)
+            for xy, point in zip(rim.tolist(), world.tolist(), strict=True)
         ],
     }
 

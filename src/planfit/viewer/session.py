@@ -28,11 +28,12 @@ from planfit.corrections.file import corrections_of
 from planfit.errors import OptionError, OutputError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
+from planfit.geometry import segments
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
 from planfit.units import Units, asked, in_units, told_in
-from planfit.viewer.points import NOTE, PickedPoints, is_dragged, metres_per_unit, to_drag
+from planfit.viewer.points import NOTE, PickedPoints, at_rim, is_dragged, to_drag
 
 FILE = "corrections.toml"
 _QUALITY = 88
@@ -127,13 +128,11 @@ class Session:
         """Faces of the plan in the coordinates at the rim of its picture, and the refined path on it."""
         if self.floorplan is None:
             return {"faces": [], "path": [], "is_picture": False}
-        rim = self.floorplan.source.rim_from_plan
-        faces = self.floorplan.ends @ rim[:2, :2].T + rim[:2, 2]
-        scale = metres_per_unit(self._record())
+        faces = segments.moved(self.floorplan.ends, self.floorplan.source.rim_from_plan)
         path = np.zeros((0, 2))
         if (self.folder / "trajectory.tum").exists():
             rows = np.loadtxt(self.folder / "trajectory.tum", ndmin=2)
-            path = (rows[:, 1:3] / np.array(scale)) @ rim[:2, :2].T + rim[:2, 2]
+            path = at_rim(self.floorplan, rows[:, 1:3], self._record())
         return {
             "faces": np.round(faces, 4).tolist(),
             "path": np.round(path, 3).tolist(),
@@ -276,7 +275,8 @@ class Session:
                 frames = [item["first_frames"], item["last_frames"]]
                 correction = {"kind": "delete_loop", "entry": {"frames": frames}}
             elif item["kind"] == "wall" and self.floorplan is not None:
-                ends = self._points.rim_of(item["ends"], record)
+                drawn = np.array(item["ends"], dtype=float)
+                ends = np.round(at_rim(self.floorplan, drawn, record), 4).tolist()
                 correction = {"kind": "exclude_wall", "entry": {"ends": ends}}
             frames = [item[name][0] for name in ("first_frames", "last_frames") if item[name]]
             found.append({"words": each["words"], "frames": frames, "correction": correction})

@@ -45,7 +45,7 @@ def plan_axes(floorplan: Floorplan, path: Path, has_numbers: bool = False) -> Ax
     """What `draw_plan_picture` draws: axes in the coordinates at the rim, in their drawing."""
     source = floorplan.source
     drawn, left_out = (_in_rim(floorplan, v) for v in (source.drawn_lines, source.dropped_lines))
-    ends = _moved(floorplan.ends, source.rim_from_plan)
+    ends = segments.moved(floorplan.ends, source.rim_from_plan)
     is_column, is_glass = find_columns(floorplan).face >= 0, are_glass(floorplan)
     openings = floorplan.openings if floorplan.openings is not None else np.zeros((0, 2, 2))
     layers = [
@@ -55,7 +55,7 @@ def plan_axes(floorplan: Floorplan, path: Path, has_numbers: bool = False) -> Ax
         ("face, free side unknown", ends[~floorplan.is_oriented & ~is_column], _UNORIENTED, 1.0),
         ("column", ends[is_column], _COLUMN, 1.0),
         ("glass", ends[is_glass], _GLASS, 1.1),
-        ("door or window", _moved(openings, source.rim_from_plan), _OPENING, 1.0),
+        ("door or window", segments.moved(openings, source.rim_from_plan), _OPENING, 1.0),
     ]
     entries: list[Entry] = [(words, color, "-") for words, lines, color, _ in layers if len(lines)]
     if source.is_picture and source.file_from_plan is not None:
@@ -96,9 +96,9 @@ def _draw_ticks(axes: Axes, floorplan: Floorplan, has_tick: np.ndarray) -> None:
     has_tick = has_tick & floorplan.is_oriented
     rim = floorplan.source.rim_from_plan
     ends, normals = floorplan.ends[has_tick], floorplan.normals[has_tick]
-    long = segments.lengths(axes.at(_moved(ends, rim))) > _TICK_PT + 1
+    long = segments.lengths(axes.at(segments.moved(ends, rim))) > _TICK_PT + 1
     middles = ends[long].mean(axis=1)
-    from_middle = axes.at(_moved(np.stack([middles, middles + normals[long]], axis=1), rim))
+    from_middle = axes.at(segments.moved(np.stack([middles, middles + normals[long]], axis=1), rim))
     step = from_middle[:, 1] - from_middle[:, 0]
     step *= _TICK_PT / np.linalg.norm(step, axis=1, keepdims=True)
     from_middle[:, 1] = from_middle[:, 0] + step
@@ -123,7 +123,8 @@ def _in_rim(floorplan: Floorplan, lines_in_file: np.ndarray | None) -> np.ndarra
     source = floorplan.source
     if lines_in_file is None or source.file_from_plan is None:
         return np.zeros((0, 2, 2))
-    return _moved(lines_in_file, source.rim_from_plan @ np.linalg.inv(source.file_from_plan))
+    rim_from_file = source.rim_from_plan @ np.linalg.inv(source.file_from_plan)
+    return segments.moved(lines_in_file, rim_from_file)
 
 
 def _ranges(
@@ -139,7 +140,3 @@ def _ranges(
         high = np.maximum(high, np.minimum(around.max(axis=0), high + reach))
     margin = _MARGIN * float(max(high - low))
     return [(float(a - margin), float(b + margin)) for a, b in zip(low, high, strict=True)]
-
-
-def _moved(ends: np.ndarray, target_from_source: np.ndarray) -> np.ndarray:
-    return ends @ target_from_source[:2, :2].T + target_from_source[:2, 2]
