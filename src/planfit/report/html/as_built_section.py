@@ -98,23 +98,16 @@ def _table(
     of_fit = {face.face_idx: face for face in faces}
     judged = {wall.face_idx for wall in as_built.walls}
     short = [face for face in faces if face.face_idx not in judged]
-    rows = [
-        *_rows(as_built, shown, of_fit),
-        *(
-            (style, "", (*cells, _solved(face)))
-            for face in short
-            for style, cells in [_short(face)]
-        ),
-    ]
+    rows = [*_rows(as_built, shown, of_fit), *(("", "", _short(face)) for face in short)]
     if any(face.solved for face in faces):
         return sortable_table((*_HEADS, "given way by"), rows)
     return sortable_table(_HEADS, [(style, more, cells[:-1]) for style, more, cells in rows])
 
 
-def _short(face: SeenFace) -> tuple[str, tuple[Cell, ...]]:
-    """Style, and cells of a face that the fit used and that is too short for a verdict."""
+def _short(face: SeenFace) -> tuple[Cell, ...]:
+    """Cells of a face that the fit used and that is too short for a verdict."""
     none = Cell.empty()
-    return "", (
+    return (
         _number(face.number, face.face_idx),
         Cell("too short to tell", "too short to tell"),
         _centimetres(face.offset, signed=True),
@@ -124,6 +117,7 @@ def _short(face: SeenFace) -> tuple[str, tuple[Cell, ...]]:
         none,
         _length(face.length),
         _position(*face.middle_xy),
+        _solved(face),
     )
 
 

@@ -11,7 +11,7 @@ from planfit import __version__, units
 from planfit.evaluation import NEAR_FACE_M, Comparison, LocalEvidence, Metric, Witness, wall_points
 from planfit.report import formatting
 from planfit.report.html.page import page_of
-from planfit.report.html.tables import captioned, table, width_pt
+from planfit.report.html.tables import captioned, side_by_side, table, width_pt
 from planfit.report.measures import CloudXY
 from planfit.report.plots.comparison import (
     SideView,
@@ -20,7 +20,6 @@ from planfit.report.plots.comparison import (
     draw_paths,
     draw_seen,
 )
-from planfit.report.plots.overlay import is_wide
 
 _OTHER = {"a": "b", "b": "a"}
 
@@ -227,13 +226,12 @@ def _where(comparison: Comparison, what: Compared, cloud: CloudXY | None) -> str
         if comparison.axes == "plan"
         else "in the scan's own axes"
     )
-    style = "stack" if is_wide(crop) else "pair"
     return (
         f"<h2>Where they differ</h2><p>{escape(difference_in_words(comparison))} Distances are {on}. "
         f"{escape(whole_in_words(comparison))}</p>{_stretch_table(comparison)}"
-        f'<div class="{style}">{paths}{distances}</div>'
+        f"{side_by_side([paths, distances], crop)}"
         f"<h2>What each makes of the scan</h2><p>{_seen_words(comparison, cloud)}</p>"
-        f'<div class="{style}">{"".join(seen)}</div>'
+        f"{side_by_side(seen, crop)}"
     )
 
 

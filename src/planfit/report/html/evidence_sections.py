@@ -268,16 +268,9 @@ def survey_section(survey: SurveyResiduals | None) -> str:
 
 
 def _role_row(name: str, role: RoleResiduals) -> tuple[str, ...]:
-    height = "" if role.rms_height_m is None else bare(role.rms_height_m)
-    return (
-        name,
-        str(role.count),
-        bare(role.rms_m),
-        bare(role.rms_horizontal_m),
-        height,
-        bare(role.worst_m),
-        escape(role.worst_id),
-    )
+    lengths_m = (role.rms_m, role.rms_horizontal_m, role.rms_height_m, role.worst_m)
+    told = ("" if length_m is None else bare(length_m) for length_m in lengths_m)
+    return (name, str(role.count), *told, escape(role.worst_id))
 
 
 def _point_row(point: PointResidual) -> tuple[str, ...]:
