@@ -47,11 +47,13 @@ def find_blunders(
             nothing tells which is wrong.
     """
     is_bad = np.zeros(len(level), dtype=bool)
-    _require_no_mistake(level, site, walked_m)
-    swapped = _swapped(level, site, walked_m)
-    if swapped is not None:
-        is_bad[list(swapped)] = True
-        return is_bad
+    off = _excesses(level, site, walked_m)
+    if len(level) >= FEWEST and off.max() > 1.0:
+        _require_no_mistake(level, site, walked_m, off)
+        swapped = _swapped(level, site, walked_m, off)
+        if swapped is not None:
+            is_bad[list(swapped)] = True
+            return is_bad
     while True:
         left = np.flatnonzero(~is_bad)
         off = _excesses(level[left], site[left], walked_m[left])
@@ -69,15 +71,13 @@ def _require_no_mistake(
     level: Float[np.ndarray, "p 3"],
     site: Float[np.ndarray, "p 3"],
     walked_m: Float[np.ndarray, " p"],
+    off: Float[np.ndarray, " p"],
 ) -> None:
     """Raise where points contradict each other and, as one mistake would have them, all agree.
 
     The median of the fit can hide it: of seven points with y and z swapped, four that stood in a row of 3 m
     fitted within drift, and the other three were left out as wrong.
     """
-    off = _excesses(level, site, walked_m)
-    if len(level) < FEWEST or off.max() <= 1.0:
-        return
     named = [(f"with {remedy}", changed) for remedy, changed in other_axes(site)]
     for unit, metres in UNITS.items():
         named.append((f"as {unit}: multiply x, y and z by {metres:g}", site * metres))
@@ -93,12 +93,10 @@ def _swapped(
     level: Float[np.ndarray, "p 3"],
     site: Float[np.ndarray, "p 3"],
     walked_m: Float[np.ndarray, " p"],
+    off: Float[np.ndarray, " p"],
 ) -> tuple[int, int] | None:
     """The one pair of points with which, once their ids are swapped, nothing contradicts anything; None where
-    nothing does as it is, or no pair alone explains it. Two wrong points among few are else a riddle."""
-    off = _excesses(level, site, walked_m)
-    if len(level) < FEWEST or off.max() <= 1.0:
-        return None
+    no pair alone explains it. Two wrong points among few are else a riddle."""
     suspects = np.argsort(-off)[:MAX_SUSPECTS]
     found = []
     for first, second in combinations(suspects.tolist(), 2):
@@ -114,6 +112,7 @@ def _excesses(
     site: Float[np.ndarray, "p 3"],
     walked_m: Float[np.ndarray, " p"],
 ) -> Float[np.ndarray, " p"]:
+    """Of each point, as of `_excess`."""
     return np.array([_excess(level, site, walked_m, k) for k in range(len(level))])
 
 
