@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Float32, Int
+from jaxtyping import Float, Float32, Int
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
@@ -143,12 +143,7 @@ def _look_up(
 ) -> tuple[np.ndarray, np.ndarray]:
     """What a view sees where points (k, 3) fall on its image, and the points' own depth, m."""
     uv = np.rint(camera.project(points)).astype(int)
-    inside: Bool[np.ndarray, " k"] = (
-        (uv[:, 0] >= 0)
-        & (uv[:, 0] < depth_map_m.shape[1])
-        & (uv[:, 1] >= 0)
-        & (uv[:, 1] < depth_map_m.shape[0])
-    )
+    inside = np.all((uv >= 0) & (uv < depth_map_m.shape[::-1]), axis=1)
     u, v = uv[inside].T
     return depth_map_m[v, u].astype(float), points[inside, 2]
 
