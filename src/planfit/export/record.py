@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from jaxtyping import Int
 
 from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
@@ -17,7 +16,6 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.on_plan import Storey, Storeys, frame_runs
 from planfit.pipeline.options import RefineOptions
@@ -40,7 +38,6 @@ def make_record(
 ) -> dict[str, Any]:
     """Everything about a run as plain values, for `run.json`. Lengths in metres, times in seconds; metrics
     have their unit beside them."""
-    neighbours = options.matching.pairs.neighbours
     return {
         "planfit": version,
         "schema_version": SCHEMA_VERSION,
@@ -56,15 +53,20 @@ def make_record(
         "up_world": result.gravity.up_world.tolist(),
         "up_from": result.gravity.source,
         "tracking": None if result.tracking is None else _tracking_record(result.tracking),
-        "matches": _matches_record(result.matches, neighbours, result.solved_frame_idx),
-        "surfaces": _surfaces_record(result.surfaces, neighbours, result.solved_frame_idx),
+        **_pairs_record(result, options.matching.pairs.neighbours),
         "alignment": None if result.alignment is None else _alignment_record(result.alignment),
         "corrections": None if result.by_hand is None else _corrections_record(result.by_hand),
         "storeys": None if result.storeys is None else _storeys_record(result, result.storeys),
         **_transforms(scan, result),
         "depth_factor": result.depth_unit.factor,
         "sensor": sensor_record(result.sensor, result.sensor_parameters, scan.cameras[0]),
-        "walls": _walls_record(result),
+        "walls": {
+            "patches": len(result.structure.walls),
+            "associated": result.adjustment.association.n_associated,
+            "rounds": result.adjustment.rounds,
+            "converged": result.adjustment.converged,
+            "offsets": wall_offsets(result),
+        },
         "registration": registration_record(result.registration),
         "survey": None if result.survey is None else survey_record(result.survey),
         "stop": result.adjustment.solution.stop.value,
@@ -206,27 +208,23 @@ def _clock_record(clock: ClockOffset) -> dict[str, Any]:
     }
 
 
-def _matches_record(
-    matches: Matches, neighbours: int, keyframe_idx: Int[np.ndarray, " k"]
-) -> dict[str, int]:
-    """Pairs of keyframes further apart than `neighbours` are loop closures."""
+def _pairs_record(result: RefineResult, neighbours: int) -> dict[str, dict[str, int]]:
+    """Pairs of frames matched by keypoints and by geometry; those of keyframes further apart than
+    `neighbours` are loop closures."""
+    matches, surfaces, keyframe_idx = result.matches, result.surfaces, result.solved_frame_idx
     return {
-        "keypoints": matches.n_keypoints,
-        "pairs_tried": matches.n_tried,
-        "pairs_verified": len(matches.pairs),
-        "loop_closures": matches.n_loops(neighbours, keyframe_idx),
-        "matches": matches.n_matches,
-    }
-
-
-def _surfaces_record(
-    surfaces: SurfacePairs, neighbours: int, keyframe_idx: Int[np.ndarray, " k"]
-) -> dict[str, int]:
-    """Pairs of frames matched by geometry."""
-    return {
-        "pairs_verified": len(surfaces),
-        "loop_closures": surfaces.n_loops(neighbours, keyframe_idx),
-        "with_free_directions": int((surfaces.n_free > 0).sum()),
+        "matches": {
+            "keypoints": matches.n_keypoints,
+            "pairs_tried": matches.n_tried,
+            "pairs_verified": len(matches.pairs),
+            "loop_closures": matches.n_loops(neighbours, keyframe_idx),
+            "matches": matches.n_matches,
+        },
+        "surfaces": {
+            "pairs_verified": len(surfaces),
+            "loop_closures": surfaces.n_loops(neighbours, keyframe_idx),
+            "with_free_directions": int((surfaces.n_free > 0).sum()),
+        },
     }
 
 
@@ -294,16 +292,6 @@ def _transforms(scan: Scan, result: RefineResult) -> dict[str, Any]:
         "plan_from_world_before": before.tolist(),
         "plan_from_world_axes": None if axes is None else axes.tolist(),
         **axes_record(None if result.floorplan is None else result.floorplan.source),
-    }
-
-
-def _walls_record(result: RefineResult) -> dict[str, Any]:
-    return {
-        "patches": len(result.structure.walls),
-        "associated": result.adjustment.association.n_associated,
-        "rounds": result.adjustment.rounds,
-        "converged": result.adjustment.converged,
-        "offsets": wall_offsets(result),
     }
 
 
