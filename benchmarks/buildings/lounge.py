@@ -25,8 +25,8 @@ from planfit.synth import (
     TimeOfFlightNoise,
     make_camera,
 )
+from planfit.synth.mesh import make_plan_quads, no_lights
 from planfit.synth.plan_building import make_plan_building
-from planfit.synth.plan_mesh import make_plan_quads, no_lights
 from planfit.synth.scan import SynthFiles, frame_name
 
 CAMERA = CameraOptions(width_px=160, height_px=120, fov_deg=70.0)

@@ -17,10 +17,9 @@ from planfit.scan.formats.facap import PLAN_FROM_WORLD, UP_WORLD
 from planfit.scan.poses import write_pose
 from planfit.scan.types import Scan
 from planfit.synth.building import Building, make_building
-from planfit.synth.mesh import make_lights, make_quads
+from planfit.synth.mesh import make_lights, make_plan_quads, make_quads, no_lights
 from planfit.synth.options import CameraOptions, SynthOptions
 from planfit.synth.plan_building import PlanBuilding, make_plan_building
-from planfit.synth.plan_mesh import make_plan_quads, no_lights
 from planfit.synth.plan_route import DOOR_CLEARANCE_M, find_plan_route, read_path
 from planfit.synth.render import Renderer, View
 from planfit.synth.sensor_noise import drift_poses, noisy_color, noisy_depth
