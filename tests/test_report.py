@@ -29,8 +29,8 @@ from planfit.report.key_metrics import TruthErrors, reasons_in_words, told_first
 from planfit.report.measures import measure
 from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
-from planfit.report.plots.cross_sections import cut_walls
 from planfit.report.plots.drawing import to_svg
+from planfit.report.plots.maps import cut_walls
 from planfit.report.plots.overlay import choose_close_ups, draw_overlay
 from planfit.report.plots.top_view import crop_to_scan, find_gaps
 from planfit.report.walls import seen_faces

@@ -17,7 +17,6 @@ from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.tables import captioned, plural, side_by_side, sides, table, width_pt
 from planfit.report.measures import BeforeAfter, Measures
 from planfit.report.plots import charts, colors, maps
-from planfit.report.plots.cross_sections import CrossSection, cut_walls, draw_section
 from planfit.report.plots.drawing import PANEL_PT
 from planfit.report.plots.top_view import Crop
 from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
@@ -113,7 +112,7 @@ def walls(
         "wall patches of the scan found no wall on the plan: furniture, what the plan does not "
         f"draw, or walls that were moved.</p>{side_by_side([picture], crop)}"
     ]
-    cuts = cut_walls(floorplan, result, faces)
+    cuts = maps.cut_walls(floorplan, result, faces)
     if cuts:
         html.append(
             "<h3>Cross-sections of walls</h3><p>The walls that changed most, seen along themselves: each dot "
@@ -166,13 +165,13 @@ def frame_matches(
     return f'<h2>Matches</h2><div class="pair">{"".join(pictures)}</div>'
 
 
-def _cut(section: CrossSection) -> str:
+def _cut(section: maps.CrossSection) -> str:
     face = section.face
     apart = [
         formatting.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)
     ]
     return captioned(
-        draw_section(section),
+        maps.draw_section(section),
         f"<strong>No.{formatting.SPACE}{face.number}:</strong> {formatting.count(len(section.after))} "
         f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
         f"Wall {face.number} cut across, before and after",
