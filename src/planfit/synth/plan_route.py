@@ -1,6 +1,5 @@
 """A way on foot through the rooms of a plan, of a length that may be limited."""
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -63,10 +62,9 @@ def find_plan_route(
     Raises:
         OptionError: there is no free space that one could walk through.
     """
-    ways = _find_ways(building, options)
-    grid = ways.grid
+    grid, step_lengths = _find_ways(building, options)
     stops = _choose_stops(building, grid, options, rng)
-    order, between = _visit(ways, stops, options)
+    order, between = _visit(step_lengths, stops, options)
     visited = order[:-1] if options.is_loop else order
     kept = stops[visited]
     known = between[np.ix_(visited, visited)]
@@ -77,15 +75,8 @@ def find_plan_route(
     return grid.xy[nodes]
 
 
-@dataclass(frozen=True)
-class _Ways:
-    grid: Grid
-    lengths: sparse.csr_matrix
-    """Of the steps of the grid, m."""
-
-
-def _find_ways(building: PlanBuilding, options: WalkOptions) -> _Ways:
-    """Cells where the camera may be; those in narrow doors are dear."""
+def _find_ways(building: PlanBuilding, options: WalkOptions) -> tuple[Grid, sparse.csr_matrix]:
+    """Cells where the camera may be, those in narrow doors dear; and the lengths of their steps, m."""
     clearance = building.cells.clearance
     least = min(DOOR_CLEARANCE_M, options.clearance_m) + MARGIN_M
     is_free = clearance >= least
@@ -98,7 +89,7 @@ def _find_ways(building: PlanBuilding, options: WalkOptions) -> _Ways:
         clearance[is_free],
         grid_steps(is_free, price, CELL_M),
     )
-    return _Ways(grid, grid_steps(is_free, np.ones_like(clearance), CELL_M))
+    return grid, grid_steps(is_free, np.ones_like(clearance), CELL_M)
 
 
 def _no_way(building: PlanBuilding) -> OptionError:
@@ -136,18 +127,18 @@ def _choose_stops(
 
 
 def _visit(
-    ways: _Ways, stops: Int[np.ndarray, " k"], options: WalkOptions
+    step_lengths: sparse.csr_matrix, stops: Int[np.ndarray, " k"], options: WalkOptions
 ) -> tuple[list[int], Float[np.ndarray, "k k"]]:
     """Indices of stops, each the nearest to the one before, as many as the length allows (two at least),
     and what is known of the distances between them, infinite elsewhere. A loop comes back to the first."""
     longest = np.inf if options.max_length_m is None else options.max_length_m
-    home = _lengths(ways, stops, 0)
+    home = _lengths(step_lengths, stops, 0)
     between = np.full((len(stops), len(stops)), np.inf)
     between[0] = between[:, 0] = home
     order, left, walked = [0], set(range(1, len(stops))), 0.0
     while left:
         last = order[-1]
-        ahead = _distances(ways, stops, last, left)
+        ahead = _distances(step_lengths, stops, last, left)
         between[last] = np.minimum(between[last], ahead)
         between[:, last] = between[last]
         nearest = min(sorted(left), key=lambda s: float(ahead[s]))
@@ -161,19 +152,22 @@ def _visit(
 
 
 def _distances(
-    ways: _Ways, stops: Int[np.ndarray, " k"], start: int, left: set[int]
+    step_lengths: sparse.csr_matrix, stops: Int[np.ndarray, " k"], start: int, left: set[int]
 ) -> Float[np.ndarray, " k"]:
     """Lengths of ways from a stop to all others; infinite for far ones where a near one is left."""
-    near = _lengths(ways, stops, start, _NEAR_M)
+    near = _lengths(step_lengths, stops, start, _NEAR_M)
     if np.isfinite(near[sorted(left)]).any():
         return near
-    return _lengths(ways, stops, start)
+    return _lengths(step_lengths, stops, start)
 
 
 def _lengths(
-    ways: _Ways, stops: Int[np.ndarray, " k"], start: int, limit_m: float = np.inf
+    step_lengths: sparse.csr_matrix,
+    stops: Int[np.ndarray, " k"],
+    start: int,
+    limit_m: float = np.inf,
 ) -> Float[np.ndarray, " k"]:
-    return csgraph.dijkstra(ways.lengths, indices=stops[[start]], limit=limit_m)[0, stops]
+    return csgraph.dijkstra(step_lengths, indices=stops[[start]], limit=limit_m)[0, stops]
 
 
 def _leg(grid: Grid, start: int, stop: int, length_m: float) -> list[int]:

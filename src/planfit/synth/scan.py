@@ -240,8 +240,9 @@ def _make_up_storeys(options: SynthOptions) -> _Built:
     building = make_storeys(options.building, _rng(options.seed, _BUILDING))
     quads = make_storeyed_quads(building, _rng(options.seed, _SURFACES))
     renderer = Renderer(quads, make_storeyed_lights(building))
-    walk = walk_through_storeys(building, options.walk, _of_visit(options, _WALK))
-    return _Built(building.storeys, renderer, walk.plan_from_cams, building.floors_z, walk.storeys)
+    rng = _of_visit(options, _WALK)
+    plan_from_cams, frame_storeys = walk_through_storeys(building, options.walk, rng)
+    return _Built(building.storeys, renderer, plan_from_cams, building.floors_z, frame_storeys)
 
 
 def _on_one_storey(

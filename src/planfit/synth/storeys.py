@@ -56,15 +56,6 @@ class StoreyedBuilding:
         return self.storeys[0].floorplan
 
 
-@dataclass(frozen=True)
-class StoreyedWalk:
-    """Poses, and where they are."""
-
-    plan_from_cams: Float[np.ndarray, "n 4 4"]
-    storeys: Int[np.ndarray, " n"]
-    """Index of the storey of each frame; `ON_STAIRS` between two."""
-
-
 def make_storeys(options: BuildingOptions, rng: np.random.Generator) -> StoreyedBuilding:
     """Make a building of `options.n_storeys` storeys, each of a layout of its own.
 
@@ -143,8 +134,11 @@ class _Leg(Rows):
 
 def walk_through_storeys(
     building: StoreyedBuilding, options: WalkOptions, rng: np.random.Generator
-) -> StoreyedWalk:
+) -> tuple[Float[np.ndarray, "n 4 4"], Int[np.ndarray, " n"]]:
     """A walk that calls at every room, storey by storey, up the stairs; loops come down again.
+
+    Returns:
+        Poses plan_from_cam, and the index of the storey of each frame; `ON_STAIRS` between two.
 
     Raises:
         OptionError: some room cannot be entered with this clearance.
@@ -172,7 +166,7 @@ def walk_through_storeys(
     yaw = heading(way.walked, way.inwards, options.is_loop)
     poses = look_ahead(way.walked, way.floor_z, yaw, options, rng)
     picked = evenly_moving(poses, options.n_frames)
-    return StoreyedWalk(building.plan_from_building @ poses[picked], way.storeys[picked])
+    return building.plan_from_building @ poses[picked], way.storeys[picked]
 
 
 def _on_floor(
