@@ -118,14 +118,13 @@ def _options(values: Mapping[str, Any], where: str) -> AsBuiltOptions:
 
 
 def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
-    offset, sigma = row["offset_m"], row["sigma_m"]
     return AsBuiltWall(
         face_idx=int(row["face"]),
         ends=np.array(row["ends"], dtype=float).reshape(2, 2),
         normal=np.array(row["normal"], dtype=float).reshape(2),
         is_oriented=bool(row["is_oriented"]),
-        offset_m=_number(offset),
-        sigma_m=_number(sigma),
+        offset_m=_number(row["offset_m"]),
+        sigma_m=_number(row["sigma_m"]),
         n_patches=int(row["patches"]),
         n_frames=int(row["frames"]),
         through_share=float(row["through_share"]),
@@ -135,13 +134,6 @@ def _wall(row: Mapping[str, Any]) -> AsBuiltWall:
 
 
 def _opening(row: Mapping[str, Any]) -> AsBuiltOpening:
-    low, high = (_number(value) for value in row["edges_m"])
-    low_sigma, high_sigma = (_number(value) for value in row["edge_sigmas_m"])
-    # Runs of versions before these were looked at have none.
-    back, other_back = (_number(value) for value in row.get("set_back_m", (None, None)))
-    back_sigma, other_sigma = (
-        _number(value) for value in row.get("set_back_sigmas_m", (None, None))
-    )
     return AsBuiltOpening(
         is_drawn=bool(row["is_drawn"]),
         ends=np.array(row["ends"], dtype=float).reshape(2, 2),
@@ -151,13 +143,19 @@ def _opening(row: Mapping[str, Any]) -> AsBuiltOpening:
         closed_share=float(row["closed_share"]),
         n_through_frames=int(row["through_frames"]),
         n_surface_frames=int(row["surface_frames"]),
-        edges_m=(low, high),
-        edge_sigmas_m=(low_sigma, high_sigma),
-        set_back_m=(back, other_back),
-        set_back_sigmas_m=(back_sigma, other_sigma),
+        edges_m=_pair(row["edges_m"]),
+        edge_sigmas_m=_pair(row["edge_sigmas_m"]),
+        # Runs of versions before these were looked at have none.
+        set_back_m=_pair(row.get("set_back_m", (None, None))),
+        set_back_sigmas_m=_pair(row.get("set_back_sigmas_m", (None, None))),
         kind=str(row["kind"]),
         element_id=str(row["element_id"]),
     )
+
+
+def _pair(values: Any) -> tuple[float, float]:
+    first, second = (_number(value) for value in values)
+    return first, second
 
 
 def _number(value: Any) -> float:

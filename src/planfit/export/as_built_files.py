@@ -20,14 +20,6 @@ from planfit.as_built import AsBuilt, OpeningVerdict, Verdict, in_words, opening
 from planfit.export.bcf import write_bcf
 from planfit.runtime import whole_file, write_whole
 
-OPENING_LAYER_COLORS = {
-    OpeningVerdict.OPEN: 3,
-    OpeningVerdict.CLOSED: 1,
-    OpeningVerdict.NOT_SEEN: 8,
-    OpeningVerdict.NEW: 30,
-}
-"""Of AutoCAD's index, as of walls."""
-
 
 def opening_rows(as_built: AsBuilt) -> Iterator[list[Any]]:
     """Cells of the table, a row an opening."""
@@ -83,10 +75,10 @@ def draw_openings(document: Drawing, as_built: AsBuilt, text_height: float) -> N
     """A line an opening on the layer of its verdict, `AS_BUILT_OPENING_CLOSED`: where it is, where its sides
     were seen, else where it is drawn; and the width of those."""
     space = document.modelspace()
-    for verdict, color in OPENING_LAYER_COLORS.items():
-        document.layers.add(opening_layer(verdict), color=color)
+    for verdict in OpeningVerdict:
+        document.layers.add(layer_of(verdict), color=LAYER_COLORS[verdict])
     for opening in as_built.openings:
-        layer = {"layer": opening_layer(opening.verdict)}
+        layer = {"layer": layer_of(opening.verdict)}
         first, last = as_built.in_file(opening.built_ends)
         space.add_line(tuple(first), tuple(last), dxfattribs=layer)
         if np.isfinite(opening.width_m):
@@ -94,11 +86,6 @@ def draw_openings(document: Drawing, as_built: AsBuilt, text_height: float) -> N
             turn = {"rotation": upright_deg(last - first), "dxfattribs": layer}
             text = space.add_text(label, height=text_height, **turn)
             text.set_placement(tuple((first + last) / 2), align=TextEntityAlignment.TOP_CENTER)
-
-
-def opening_layer(verdict: OpeningVerdict) -> str:
-    """Name of the layer of a verdict."""
-    return f"AS_BUILT_OPENING_{verdict.name}"
 
 
 def upright_deg(along: Float[np.ndarray, "2"]) -> float:
@@ -122,12 +109,16 @@ AS_BUILT_HEADER = (
     "is_oriented,patches,frames,through_share,words,what,closed_share,width_m,width_sigma_m,shift_m"
 )
 """Columns of the table, as docs/as-built.md has them."""
-LAYER_COLORS = {
+LAYER_COLORS: dict[Verdict | OpeningVerdict, int] = {
     Verdict.AGREES: 3,
     Verdict.MOVED: 6,
     Verdict.MISSING: 1,
     Verdict.NOT_SEEN: 8,
     Verdict.NEW: 30,
+    OpeningVerdict.OPEN: 3,
+    OpeningVerdict.CLOSED: 1,
+    OpeningVerdict.NOT_SEEN: 8,
+    OpeningVerdict.NEW: 30,
 }
 """Of AutoCAD's index: green, magenta, red, grey, orange."""
 AS_DRAWN_LAYER, TEXT_M = "AS_BUILT_MOVED_AS_DRAWN", 0.12
@@ -224,8 +215,8 @@ def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None 
     """
     # The unit of the plan's own file is not known here, only its coordinates: 0 says so.
     document = new("R2010", units=6 if as_built.file_from_plan is None else 0, setup=["linetypes"])
-    for verdict, color in LAYER_COLORS.items():
-        document.layers.add(layer_of(verdict), color=color)
+    for verdict in Verdict:
+        document.layers.add(layer_of(verdict), color=LAYER_COLORS[verdict])
     document.layers.add(AS_DRAWN_LAYER, color=LAYER_COLORS[Verdict.MOVED], linetype="DASHED")
     space = document.modelspace()
     text_height = TEXT_M * as_built.file_units_per_metre
@@ -248,9 +239,10 @@ def write_as_built_dxf(path: Path, as_built: AsBuilt, tolerance_m: float | None 
         document.saveas(part)
 
 
-def layer_of(verdict: Verdict) -> str:
-    """Name of the layer of a verdict: `AS_BUILT_MOVED`."""
-    return f"AS_BUILT_{verdict.name}"
+def layer_of(verdict: Verdict | OpeningVerdict) -> str:
+    """Name of the layer of a verdict: `AS_BUILT_MOVED`, `AS_BUILT_OPENING_CLOSED`."""
+    what = "OPENING_" if isinstance(verdict, OpeningVerdict) else ""
+    return f"AS_BUILT_{what}{verdict.name}"
 
 
 AS_BUILT_WRITERS: dict[str, Callable[[Path, AsBuilt, float | None], None]] = {
