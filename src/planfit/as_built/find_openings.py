@@ -76,13 +76,10 @@ def _undrawn(as_built: AsBuilt, floorplan: Floorplan, sight: LinesOfSight) -> li
     if not walls:
         return []
     faces = np.array([wall.face_idx for wall in walls])
-    is_turned = [segments.left_normals(w.ends[None])[0] @ w.normal < 0 for w in walls]
-    ends = np.stack(
-        [
-            w.built_ends[::-1] if turned else w.built_ends
-            for w, turned in zip(walls, is_turned, strict=True)
-        ]
-    )
+    built = np.stack([wall.built_ends for wall in walls])
+    normals = np.stack([wall.normal for wall in walls])
+    is_turned = np.einsum("ni,ni->n", segments.left_normals(built), normals) < 0
+    ends = np.where(is_turned[:, None, None], built[:, ::-1], built)
     storeys = None if floorplan.storeys is None else floorplan.storeys[faces]
     standing = Floorplan(
         "walls as built",

@@ -88,16 +88,11 @@ def at_camera_height(
     centres: Float[np.ndarray, "n 3"], points: Float[np.ndarray, "m 3"]
 ) -> Bool[np.ndarray, " m"]:
     """Which points (m, z up) are neither floor nor ceiling, by the path of the camera (m) near them."""
-    # Heights against the path near in the plane, so that stairs and slopes stay at eye height.
-    height = points[:, 2] - _path_height(centres, points)
-    return (height > LOW_M) & (height < HIGH_M)
-
-
-def _path_height(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Height (m,) of the camera where it was nearest to each point, in the plane."""
+    # Heights against the camera where it was nearest in the plane: stairs and slopes stay at eye height.
     few = centres[:: max(1, len(centres) // 500)]
     _, nearest = KDTree(few[:, :2]).query(points[:, :2])
-    return few[nearest, 2]
+    height = points[:, 2] - few[nearest, 2]
+    return (height > LOW_M) & (height < HIGH_M)
 
 
 WIDTH_PT, MIN_WIDTH_PT = 648, 320
