@@ -14,7 +14,6 @@ from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.geometry.camera import Camera
 from planfit.runtime import short_repr
-from planfit.scan.joined import JoinedFiles
 from planfit.scan.types import CloudFiles, RoutedFiles, Scan, ScanFiles
 
 MAX_CORRUPT_SHARE = 0.01
@@ -33,7 +32,14 @@ def corrupt_frames(scan: Scan) -> dict[str, str]:
 
     Frames are decoded when a stage asks for them, so ask after the work.
     """
-    return {scan.frame_ids[i]: why for i, why in sorted(_corrupt(scan.files).items())}
+    found = {}
+    for i, frame_id in enumerate(scan.frame_ids):
+        files, own_idx = scan.files, i
+        while isinstance(files, RoutedFiles) and not isinstance(files, TolerantFiles):
+            files, own_idx = files.route(own_idx)
+        if isinstance(files, TolerantFiles) and (why := files.reason(own_idx)):
+            found[frame_id] = why
+    return found
 
 
 def select_frames(
@@ -179,10 +185,10 @@ class TolerantFiles(FilesView):
         """Label image of `Label`."""
         return self._or_blank(self.files.labels, frame_idx, np.array(0, dtype=np.uint8))
 
-    def reasons(self) -> dict[int, str]:
-        """Why frames could not be decoded so far, by their indices."""
+    def reason(self, frame_idx: int) -> str:
+        """Why a frame could not be decoded; empty where it was, or was not asked for so far."""
         with self._lock:
-            return dict(self._reasons)
+            return self._reasons.get(frame_idx, "")
 
     def _or_blank(self, read: Callable[[int], Any], frame_idx: int, blank: np.ndarray) -> Any:
         """What is read of a frame; an image of `blank` where it is corrupt, which is noted."""
@@ -195,20 +201,3 @@ class TolerantFiles(FilesView):
                     raise
         camera = self.cameras[frame_idx]
         return np.full((camera.height, camera.width, *blank.shape), blank)
-
-
-def _corrupt(files: ScanFiles) -> dict[int, str]:
-    if isinstance(files, TolerantFiles):
-        return files.reasons()
-    if isinstance(files, JoinedFiles):
-        return {
-            own.first + k: why
-            for own, each in zip(files.scans, files.files, strict=True)
-            for k, why in _corrupt(each).items()
-        }
-    if isinstance(files, SelectedFiles):
-        reasons = _corrupt(files.files)
-        return {k: reasons[int(i)] for k, i in enumerate(files.selected) if int(i) in reasons}
-    if isinstance(files, FilesView):
-        return _corrupt(files.files)
-    return {}
