@@ -138,18 +138,10 @@ def _nearest(lens: Lens, camera: Camera) -> tuple[Int[np.ndarray, "*u"], Int[np.
     """Column and row of the nearest stored pixel: index arrays that broadcast to (h, w)."""
     # floor(x + 0.5) and not rint, which takes halves to even numbers: it would use some columns twice and
     # skip others.
-    width, height = lens.camera.width, lens.camera.height
-    if not lens.is_distorted:
-        # Columns and rows are independent: arrays (w,) and (h, 1) index the same pixels.
-        u, v = _line(camera, lens)
-        return (
-            np.clip(np.floor(u + 0.5).astype(np.intp), 0, width - 1)[None, :],
-            np.clip(np.floor(v + 0.5).astype(np.intp), 0, height - 1)[:, None],
-        )
-    u, v = _float_maps(lens, camera)
+    u, v = _places(lens, camera)
     return (
-        np.clip(np.floor(u + 0.5), 0, width - 1).astype(np.intp),
-        np.clip(np.floor(v + 0.5), 0, height - 1).astype(np.intp),
+        np.clip(np.floor(u + 0.5), 0, lens.camera.width - 1).astype(np.intp),
+        np.clip(np.floor(v + 0.5), 0, lens.camera.height - 1).astype(np.intp),
     )
 
 
@@ -157,24 +149,22 @@ def _nearest(lens: Lens, camera: Camera) -> tuple[Int[np.ndarray, "*u"], Int[np.
 def _is_outside(lens: Lens, camera: Camera) -> Bool[np.ndarray, "h w"] | None:
     """Pixels of the camera that the stored image does not show; None where it shows all."""
     width, height = lens.camera.width, lens.camera.height
-    if lens.is_distorted:
-        u, v = _float_maps(lens, camera)
-    else:
-        u, v = _line(camera, lens)
-        u, v = u[None, :], v[:, None]
+    u, v = _places(lens, camera)
     # A rounding error must not cost the outermost row of an image that was only resized.
     slack = 0.5 + 1e-6
     outside = (u < -slack) | (u > width - 1 + slack) | (v < -slack) | (v > height - 1 + slack)
     return outside if outside.any() else None
 
 
-def _line(camera: Camera, lens: Lens) -> tuple[Float[np.ndarray, " w"], Float[np.ndarray, " h"]]:
-    """Columns and rows of the stored image, for lenses without distortion: there u depends on the
-    column alone, and v on the row."""
+def _places(lens: Lens, camera: Camera) -> tuple[Float[np.ndarray, "*u"], Float[np.ndarray, "*v"]]:
+    """As `_float_maps`, in arrays that broadcast to (h, w): without distortion u depends on the column alone,
+    and v on the row."""
+    if lens.is_distorted:
+        return _float_maps(lens, camera)
     stored = lens.camera
     u = (np.arange(camera.width) - camera.cx) * (stored.fx / camera.fx) + stored.cx
     v = (np.arange(camera.height) - camera.cy) * (stored.fy / camera.fy) + stored.cy
-    return u, v
+    return u[None, :], v[:, None]
 
 
 def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
