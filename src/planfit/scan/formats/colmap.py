@@ -21,14 +21,14 @@ from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, has_part
 from planfit.scan.types import ScanOptions
 
-MODEL_FOLDERS = ("sparse/0", "sparse", "")
 COLOR_FOLDERS = ("images", "color", "rgb")
 DEPTH_FOLDERS = ("depth", "depths", "stereo/depth_maps")
-MODELS = "|".join(
-    str(PurePosixPath(folder) / name)
-    for folder in MODEL_FOLDERS
-    for name in ("images.txt", "images.bin")
-)
+IMAGES = {
+    folder: "|".join(str(PurePosixPath(folder) / f"images.{end}") for end in ("txt", "bin"))
+    for folder in ("sparse/0", "sparse", "")
+}
+"""A model's file of images, by the folder of the model."""
+MODELS = "|".join(IMAGES.values())
 DEPTHS = "|".join(f"{name}/" for name in DEPTH_FOLDERS)
 
 
@@ -43,8 +43,8 @@ class _Model:
 
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[_Model]:  # noqa: ARG001
-    folder = _model_folder(source) or ""
-    cameras_file, images_file = (PurePosixPath(name).name for name in model_files(source, folder))
+    folder = next((one for one, names in IMAGES.items() if has_part(source, names)), "")
+    cameras_file, images_file = model_files(source, folder)
     cameras, images = read_model(source, folder)
     colors = next((n for n in COLOR_FOLDERS if n in source.folders()), COLOR_FOLDERS[0])
     depths = next(n for n in DEPTH_FOLDERS if has_part(source, f"{n}/"))
@@ -61,13 +61,12 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Model]:  # noq
     ]
     lone = [n for n in source.names(colors) if f"{colors}/{n}" not in image_of]
     skipped = [
-        f"frame {PurePosixPath(name).stem}: {images_file} has no pose"
+        f"frame {PurePosixPath(name).stem}: {PurePosixPath(images_file).name} has no pose"
         for name in lone
         if source.exists(_depth_name(source, depths, name))
     ]
-    model = _Model(folder, cameras, image_of, source.path / folder / cameras_file)
-    tables = [f"{folder}/{name}".lstrip("/") for name in (cameras_file, images_file)]
-    return Listing(source, frames, model, tables, skipped)
+    model = _Model(folder, cameras, image_of, source.path / cameras_file)
+    return Listing(source, frames, model, [cameras_file, images_file], skipped)
 
 
 def _lens(listing: Listing[_Model], frame: Frame, _: Size) -> Lens:
@@ -95,14 +94,6 @@ def _write(refined: Refined[_Model]) -> None:
     write(refined.directory, list(model.cameras.values()), images)
     if refined.source.exists(str(PurePosixPath(model.folder) / f"frames{model.where.suffix}")):
         write_frames(refined.directory, images, model.where.suffix == ".bin")
-
-
-def _model_folder(source: FileSource) -> str | None:
-    for folder in MODEL_FOLDERS:
-        prefix = f"{folder}/" if folder else ""
-        if source.exists(f"{prefix}images.bin") or source.exists(f"{prefix}images.txt"):
-            return folder
-    return None
 
 
 def _depth_name(source: FileSource, folder: str, name: str) -> str:

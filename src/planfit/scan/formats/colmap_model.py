@@ -258,14 +258,13 @@ def _camera(number: int, model: str, size: tuple[int, int], parameters: Sequence
     return ColmapCamera(number, model, *size, tuple(float(v) for v in parameters))
 
 
-def _pose(
-    wxyz: Sequence[float], translation: Sequence[float], where: str
-) -> Float[np.ndarray, "4 4"]:
-    w, x, y, z = wxyz
-    if not np.isfinite([*wxyz, *translation]).all() or np.linalg.norm(wxyz) < ROUNDING:
-        raise ScanError(f"{where}: expected a finite pose, found {[*wxyz, *translation]}")
+def _pose(numbers: Sequence[float], where: str) -> Float[np.ndarray, "4 4"]:
+    """world_from_cam by the numbers of `ColmapImage.cam_from_world`."""
+    w, x, y, z, *translation = numbers
+    if not np.isfinite(numbers).all() or np.linalg.norm([w, x, y, z]) < ROUNDING:
+        raise ScanError(f"{where}: expected a finite pose, found {[*numbers]}")
     rotation = Rotation.from_quat([x, y, z, w]).as_matrix()
-    return se3.inverse(se3.make_transform(rotation, np.array(translation, dtype=float)))
+    return se3.inverse(se3.make_transform(rotation, np.array(translation)))
 
 
 def camera_of_words(words: Sequence[str], where: str) -> ColmapCamera:
@@ -286,15 +285,10 @@ def camera_of_words(words: Sequence[str], where: str) -> ColmapCamera:
 
 
 def _text_cameras(source: FileSource, name: str) -> dict[int, ColmapCamera]:
-    where = str(source.path / name)
-    cameras = {}
-    for line in read_text(source, name).splitlines():
-        words = line.split()
-        if not words or line.startswith("#"):
-            continue
-        camera = camera_of_words(words, where)
-        cameras[camera.camera_id] = camera
-    return cameras
+    lines = [line for line in read_text(source, name).splitlines() if not line.startswith("#")]
+    rows = [words for line in lines if (words := line.split())]
+    cameras = [camera_of_words(words, str(source.path / name)) for words in rows]
+    return {camera.camera_id: camera for camera in cameras}
 
 
 def _text_images(source: FileSource, name: str, observations: bool) -> list[ColmapImage]:
@@ -313,7 +307,7 @@ def _text_images(source: FileSource, name: str, observations: bool) -> list[Colm
                 f"{where}: expected two lines an image, the first of 10 words, found "
                 f"{shorten(lines[k])!r}, which is damaged; export the model again"
             ) from error
-        pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
+        pose = _pose(numbers, f"{where}, {image_name}")
         seen: tuple[np.ndarray, ...] = ()
         if observations:
             try:
@@ -389,7 +383,7 @@ def _binary_images(source: FileSource, name: str, observations: bool) -> list[Co
         image_id, *numbers, camera_id = data.take("I7dI")
         image_name = data.text()
         points = data.array(SEEN, data.take("Q")[0])
-        pose = _pose(numbers[:4], numbers[4:], f"{where}, {image_name}")
+        pose = _pose(numbers, f"{where}, {image_name}")
         seen = (points["uv"].copy(), points["point"].copy()) if observations else ()
         images.append(ColmapImage(image_id, camera_id, image_name, pose, *seen))
     return images
