@@ -1,7 +1,7 @@
 """LAS and LAZ files as clouds, read and written again with points moved."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import cached_property
@@ -73,7 +73,7 @@ class LasFile:
 
     def sample_times(self) -> Float[np.ndarray, " n"]:
         """Some times (s) out of all parts of the file."""
-        with self._told(), self._opened() as reader:
+        with told_as(ScanError, self.path, EXPECTED), self._opened() as reader:
             found = []
             for start in np.linspace(0, max(self.n_points - PER_SEEK, 0), N_SEEKS).astype(int):
                 reader.seek(int(start))
@@ -148,7 +148,7 @@ class LasFile:
         with self.path.open("rb") as stream:
             self._check_records(stream.read(_HEADER_BYTES))
             stream.seek(0)
-            with self._told():
+            with told_as(ScanError, self.path, EXPECTED):
                 # The sequential decompressor takes memory for one point at a time, not for what a damaged
                 # table of chunks may claim; lazrs ends the whole process where memory cannot be had.
                 reader = laspy.open(stream, laz_backend=laspy.LazBackend.Lazrs, closefd=False)
@@ -191,9 +191,6 @@ class LasFile:
                 f"{self.path}: expected {EXPECTED}, found {n_chunks} chunks in {n_bytes} bytes; the file is "
                 "damaged, copy it again"
             )
-
-    def _told(self) -> AbstractContextManager[None]:
-        return told_as(ScanError, self.path, EXPECTED)
 
 
 def _timed(points: Any) -> TimedPoints:

@@ -90,23 +90,20 @@ def cut(
     return _finished(file, trajectory, store, tally)
 
 
-@dataclass
 class _Tally:
     """What one pass counts."""
 
-    n: int
-
-    def __post_init__(self) -> None:
-        self.counts = np.zeros(self.n, dtype=np.int64)
-        self.sums = np.zeros(self.n)
+    def __init__(self, n: int) -> None:
+        """Of `n` instants."""
+        self.counts, self.sums = np.zeros(n, dtype=np.int64), np.zeros(n)
         self.n_total = self.n_posed = self.n_near = 0
 
     def add(
         self, of: np.ndarray, times: np.ndarray, has_pose: np.ndarray, near: np.ndarray
     ) -> None:
         """Count a piece: instants and times of the points used, and what holds of all."""
-        self.counts += np.bincount(of, minlength=self.n)
-        self.sums += np.bincount(of, weights=times, minlength=self.n)
+        self.counts += np.bincount(of, minlength=len(self.counts))
+        self.sums += np.bincount(of, weights=times, minlength=len(self.sums))
         self.n_total += len(has_pose)
         self.n_posed += int(has_pose.sum())
         self.n_near += int((has_pose & near).sum())
