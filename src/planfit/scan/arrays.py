@@ -160,19 +160,15 @@ def _check_images(
     _check(colors, n, "colour images", "uint8 of shape (h, w, 3)", _is_color, name)
     _check(depths_m, n, "depth images", "floats of shape (h, w), in m", _is_depth, name)
     if labels is not None:
-        shown = [d if c is None else c for c, d in zip(colors, depths_m, strict=True)]
-        _check_labels(labels, shown, n, name)
-
-
-def _check_labels(labels: Images, shown: Images, n: int, name: str) -> None:
-    expected = f"integers from 0 to {max(Label)}, of shape (h, w)"
-    _check(labels, n, "label images", expected, _is_labels, name)
-    for i, (label, image) in enumerate(zip(labels, shown, strict=True)):
-        if label.shape != image.shape[:2]:
-            raise ScanError(
-                f"{name}: frame {i}: expected labels of shape {image.shape[:2]} as the colour, "
-                f"found {label.shape}"
-            )
+        expected = f"integers from 0 to {max(Label)}, of shape (h, w)"
+        _check(labels, n, "label images", expected, _is_labels, name)
+        for i, (label, color, depth) in enumerate(zip(labels, colors, depths_m, strict=True)):
+            shape = (depth if color is None else color).shape[:2]
+            if label.shape != shape:
+                raise ScanError(
+                    f"{name}: frame {i}: expected labels of shape {shape} as the colour, "
+                    f"found {label.shape}"
+                )
 
 
 def _is_color(image: object) -> bool:

@@ -126,7 +126,12 @@ class RowAFrame:
 
     def __call__(self, source: FileSource, options: ScanOptions) -> Listing[Poses]:  # noqa: ARG002
         """Frames in the order of their numbers, from 0."""
-        poses = self._read(source)
+        table = read_matrix(source, self.poses, "16 numbers a line")
+        if table.shape[1] != 16:
+            raise ScanError(
+                f"{source.path / self.poses}: expected 16 numbers a line, found {table.shape[1]}"
+            )
+        poses = table.reshape(-1, 4, 4)
         frames, skipped = [], []
         colors, depths = self.color.by_key(source), self.depth.by_key(source)
         for key in sorted({**colors, **depths}, key=in_order):
@@ -139,14 +144,6 @@ class RowAFrame:
             frames.append(Frame(key, float(number), poses[number], color, depth))
         tables = [self.poses, *(name for name in self.tables if source.exists(name))]
         return Listing(source, frames, poses, tables, skipped)
-
-    def _read(self, source: FileSource) -> Poses:
-        table = read_matrix(source, self.poses, "16 numbers a line")
-        if table.shape[1] != 16:
-            raise ScanError(
-                f"{source.path / self.poses}: expected 16 numbers a line, found {table.shape[1]}"
-            )
-        return table.reshape(-1, 4, 4)
 
     def write(self, refined: Refined[Poses]) -> None:
         """The table again; rows of frames that are left out stay as recorded."""
