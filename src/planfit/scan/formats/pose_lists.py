@@ -53,11 +53,8 @@ def _replica(source: FileSource) -> RowAFrame:
 def _replica_frames(source: FileSource, options: ScanOptions) -> Listing[Poses]:
     """Frames; a calibration above the folder is told apart by what it says."""
     listing = _replica(source)(source, options)
-    return (
-        replace(listing, fingerprinted=(_camera(source),))
-        if _replica(source) is FRAMES
-        else listing
-    )
+    told_apart_by = (_camera(source),) if _replica(source) is FRAMES else ()
+    return replace(listing, fingerprinted=told_apart_by)
 
 
 def _camera(source: FileSource) -> dict[str, Any]:
@@ -153,6 +150,7 @@ LOGS = tuple(f"{where}trajectory.{end}" for end in ("log", "json") for where in 
 COLOR_FOLDERS = ("color", "image", "rgb")
 INTRINSICS = ("camera_intrinsic.json", "intrinsic.json", "camera_intrinsics.json")
 PRIMESENSE = (525.0, 525.0, 319.5, 239.5)
+TAKEN_FOR_PRIMESENSE = "no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"
 
 
 @dataclass(frozen=True)
@@ -183,16 +181,10 @@ def _counted_frames(source: FileSource, options: ScanOptions) -> Listing[_Counte
     skipped += [f"frame {Path(name).stem}: it has depth/{name} and no colour" for name in lone]
     index = {f"{folder}/{color}": i for i, (color, _) in enumerate(pair)}
     intrinsics_name = next((name for name in INTRINSICS if source.exists(name)), "")
-    return Listing(
-        source,
-        frames,
-        _Counted(index, intrinsics_name, parameters),
-        [log, *([intrinsics_name] if intrinsics_name else [])],
-        skipped,
-        []
-        if intrinsics_name or parameters
-        else ["no camera_intrinsic.json: the intrinsics are PrimeSense's defaults (fx 525)"],
-    )
+    counted = _Counted(index, intrinsics_name, parameters)
+    tables = [log, intrinsics_name] if intrinsics_name else [log]
+    warnings = [] if intrinsics_name or parameters else [TAKEN_FOR_PRIMESENSE]
+    return Listing(source, frames, counted, tables, skipped, warnings)
 
 
 def _write(refined: Refined[_Counted]) -> None:

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.scan.images.decode import depth_from_metres, read_exr
+from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.files import ImageFiles, drop_unsure, whole_image_size
 from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
@@ -84,9 +84,8 @@ class Record3dImages(ImageFiles):
     def depth(self, frame: Frame) -> Float[np.ndarray, "h w"]:
         """float32 m, NaN where nothing was measured or the confidence is too low."""
         if frame.depth.endswith(".exr"):
-            values = read_exr(self.source.on_disk(frame.depth), self.source.path / frame.depth)
-        else:
-            values = self._plane(frame.depth, np.dtype("<f4"))
+            return super().depth(frame)
+        values = self._plane(frame.depth, np.dtype("<f4"))
         depth = depth_from_metres(values * np.float32(self.metres_per_unit))
         if self.uses_confidence(frame):
             confidence = self._plane(frame.confidence, np.dtype("u1"))

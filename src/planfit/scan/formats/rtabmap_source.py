@@ -199,9 +199,8 @@ def parse_camera(data: bytes, where: str) -> StoredCamera:
     if len(data) < HEADER.size:
         raise _damaged(where, len(data))
     header = HEADER.unpack_from(data)
-    if not (
-        0 <= header[0] < 100 and 0 <= header[1] < 10_000
-    ):  # a version; else a focal length as float
+    # A version; else a focal length as float.
+    if not (0 <= header[0] < 100 and 0 <= header[1] < 10_000):
         return _parse_legacy(data, where)
     if header[3] != 0:
         raise ScanError(

@@ -74,8 +74,7 @@ def _write(refined: Refined[_PoseFile]) -> None:
 
 
 def _number(frame_id: str) -> int:
-    match = _FRAME.fullmatch(frame_id)
-    return int(match[1]) if match else -1
+    return int(frame_id.removeprefix("frame_"))
 
 
 def _check_depth(source: FileSource, folder: str) -> None:
