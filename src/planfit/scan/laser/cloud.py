@@ -153,8 +153,14 @@ def relate_clocks(file: CloudFile, trajectory: Trajectory, offset_s: float | Non
             )
         if fitting:
             return replace(fitting[0], seconds_per_unit=seconds_per_unit)
-    raise _unrelated(
-        file, trajectory, stored, "" if offset_s is None else f"with {offset_s:g} s added, "
+    how = "" if offset_s is None else f"with {offset_s:g} s added, "
+    span = f"{stored.min():.3f} to {stored.max():.3f}" if len(stored) else "none"
+    raise ScanError(
+        f"{file.path}: expected points at times of {trajectory.path.name} "
+        f"({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s), found {how}{span} s "
+        f"({file.clock.words}), and no usual relation between the clocks (GPS week, GPS seconds, Unix time; "
+        "seconds to nanoseconds) joins them; are they of one recording? Else say what to add with "
+        "--cloud-time-offset-s"
     )
 
 
@@ -220,14 +226,3 @@ def _share_inside(times: Float[np.ndarray, " n"], trajectory: Trajectory) -> flo
     slack = 0.5
     first, last = trajectory.times[0] - slack, trajectory.times[-1] + slack
     return float(np.mean((times >= first) & (times <= last)))
-
-
-def _unrelated(file: CloudFile, trajectory: Trajectory, times: np.ndarray, how: str) -> ScanError:
-    span = f"{times.min():.3f} to {times.max():.3f}" if len(times) else "none"
-    return ScanError(
-        f"{file.path}: expected points at times of {trajectory.path.name} "
-        f"({trajectory.times[0]:.3f} to {trajectory.times[-1]:.3f} s), found {how}{span} s "
-        f"({file.clock.words}), and no usual relation between the clocks (GPS week, GPS seconds, Unix time; "
-        "seconds to nanoseconds) joins them; are they of one recording? Else say what to add with "
-        "--cloud-time-offset-s"
-    )

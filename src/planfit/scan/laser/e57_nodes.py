@@ -4,7 +4,8 @@
 other fields than colour and intensity, and write single precision.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -96,38 +97,31 @@ def copy_children(source: Any, target: Any, target_file: Any, without: tuple[str
     """Copy all children of a structure but those named; points and groups of points are left out."""
     for name in names_of(source):
         if name not in without:
-            _copy(source[name], target.set, name, target_file)
+            _copy(source[name], partial(target.set, name), target_file)
 
 
-def _copy(node: Any, attach: Any, name: str, target_file: Any) -> None:
+def _copy(node: Any, attach: Callable[[Any], Any], target_file: Any) -> None:
+    """Copy a node with all below it; `attach` gives the copy its place."""
     libe57 = load_libe57()
     if isinstance(node, libe57.CompressedVectorNode):
         return
     if isinstance(node, libe57.StructureNode):
         made = libe57.StructureNode(target_file)
-        _attach(attach, name, made)
+        attach(made)
         copy_children(node, made, target_file, ())
     elif isinstance(node, libe57.VectorNode):
         made = libe57.VectorNode(target_file, node.allowHeteroChildren())
-        _attach(attach, name, made)
+        attach(made)
         for i in range(node.childCount()):
-            _copy(node[i], made.append, "", target_file)
+            _copy(node[i], made.append, target_file)
     elif isinstance(node, libe57.BlobNode):
         made = libe57.BlobNode(target_file, node.byteCount())
-        _attach(attach, name, made)
+        attach(made)
         data = np.zeros(node.byteCount(), dtype=np.uint8)
         node.read(data, 0, len(data))
         made.write(data, 0, len(data))
     else:
-        _attach(attach, name, copy_number(node, target_file))
-
-
-def _attach(attach: Any, name: str, node: Any) -> None:
-    """A structure's children have names, a vector's have none."""
-    if name:
-        attach(name, node)
-    else:
-        attach(node)
+        attach(copy_number(node, target_file))
 
 
 def copy_number(node: Any, target_file: Any, bounds: tuple[float, float] | None = None) -> Any:
