@@ -4,8 +4,8 @@ from pathlib import Path
 
 from planfit.errors import ScanError
 from planfit.findings.finding import FEW_NAMED
-from planfit.scan.formats import READERS
-from planfit.scan.layout import FolderLayout, WholeFile
+from planfit.scan.formats import READERS, whole_files
+from planfit.scan.layout import FolderLayout
 from planfit.scan.source import FileSource, FolderSource
 from planfit.scan.tables import has_part
 
@@ -89,18 +89,15 @@ def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
     return ScanError(f"{begin} {what}; {step}")
 
 
-def no_scan_in_folder(
-    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
-) -> ScanError:
+def no_scan_in_folder(source: FileSource, layouts: dict[str, FolderLayout]) -> ScanError:
     """The error for a folder, or an archive, of no known layout.
 
     Args:
         source: the files.
         layouts: formats of folders, by name.
-        own: formats of single files, by name.
     """
     begin = f"{source.path}: expected a scan, found"
-    inside = _scans_inside(source, layouts, own)
+    inside = _scans_inside(source, layouts)
     if inside:
         named = ", ".join(f"{path} ({kind})" for path, kind in inside[:FEW_NAMED])
         more = f" and {len(inside) - FEW_NAMED} more" if len(inside) > FEW_NAMED else ""
@@ -129,14 +126,12 @@ def no_scan_in_folder(
     return ScanError(f"{begin} {held}; {step or formats}")
 
 
-def is_of_known(
-    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
-) -> bool:
+def is_of_known(source: FileSource, layouts: dict[str, FolderLayout]) -> bool:
     """Whether a folder holds scans of known formats, or is a copy of one that lacks files.
 
     A copy is told by another file of the format, or by the folder of the file that is missing.
     """
-    if any(path.is_dir() for path, _ in _scans_inside(source, layouts, own)):
+    if any(path.is_dir() for path, _ in _scans_inside(source, layouts)):
         return True
     near = nearest(source, layouts)
     files = [part for part in near[1] if not part.endswith("/")] if near else []
@@ -185,9 +180,7 @@ def _kind_of(source: FileSource, layouts: dict[str, FolderLayout]) -> str:
     return next((name for name, layout in layouts.items() if layout.recognise(source)), "")
 
 
-def _scans_inside(
-    source: FileSource, layouts: dict[str, FolderLayout], own: dict[str, WholeFile]
-) -> list[tuple[Path, str]]:
+def _scans_inside(source: FileSource, layouts: dict[str, FolderLayout]) -> list[tuple[Path, str]]:
     """Scans that lie in a folder of this disk, and what they are."""
     if not isinstance(source, FolderSource):
         return []
@@ -198,7 +191,7 @@ def _scans_inside(
             kind = _kind_of(FolderSource(path), layouts)
         elif path.suffix.lower() in (".zip", ".r3d"):
             kind = "archive"
-        kind = kind or next((name for name, m in own.items() if m.claims(path)), "")
+        kind = kind or next((name for name, m in whole_files().items() if m.claims(path)), "")
         if kind:
             found.append((path, kind))
     return found

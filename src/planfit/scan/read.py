@@ -121,8 +121,7 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
     name = options.format
     if name not in ("auto", *READERS):
         raise OptionError(f"format: expected auto, {', '.join(READERS)}, found {name!r}")
-    own = whole_files()
-    for kind, whole in own.items():
+    for kind, whole in whole_files().items():
         if name == kind or (name == "auto" and whole.claims(path)):
             return whole.read(whole.open(path), options), whole.takes_poses
     known = {kind: one for kind, one in layouts().items() if name in ("auto", kind)}
@@ -142,14 +141,14 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         raise ScanError(
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
-    is_free = last is not None and (name == LAST or not is_of_known(source, known, own))
+    is_free = last is not None and (name == LAST or not is_of_known(source, known))
     if last is not None and is_free and (options.poses is not None or last.recognise(source)):
         return last.read(source, options), False
     if name != "auto":
         raise ScanError(
             f"{path}: expected a scan of the format {name}: {format_of(name).expects}; found none"
         )
-    raise no_scan_in_folder(source, known, own)
+    raise no_scan_in_folder(source, known)
 
 
 def _inside(source: FileSource, known: list[FolderLayout]) -> list[tuple[FolderLayout, ZipSource]]:
