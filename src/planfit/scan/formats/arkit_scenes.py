@@ -45,10 +45,8 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
     color = next((n for n in COLORS if source.names(n)), "lowres_wide")
     depth_folder = next((n for n in DEPTHS if source.names(n)), DEPTHS[0])
     poses_name = first_of(source, POSES)
-    lenses = next(
-        (n for n in (f"{color}_intrinsics", "color_intrinsics") if source.names(n)),
-        f"{color}_intrinsics",
-    )
+    lens_folders = (f"{color}_intrinsics", "color_intrinsics")
+    lenses = next((n for n in lens_folders if source.names(n)), lens_folders[0])
     color_times, color_names = _by_time(source, color, ".png")
     depth_times, depth_names = _by_time(source, depth_folder, ".png")
     mine, depth, times = join_times(color_times, depth_times, MAX_IMAGE_GAP_S)

@@ -132,10 +132,7 @@ def _frame(source: FileSource, item: object, time: float, where: str) -> Frame:
 def _lens(listing: Listing[_Transforms], frame: Frame, size: Size) -> Lens:
     transforms = listing.content
     values = {**transforms.content, **transforms.item_of[frame.color]}
-    return _lens_of_values(values, size, f"{transforms.where}, {frame.color}")
-
-
-def _lens_of_values(values: dict[str, Any], size: Size, where: str) -> Lens:
+    where = f"{transforms.where}, {frame.color}"
     kind = values.get("camera_model", "")
     if kind not in KINDS:
         raise ScanError(
