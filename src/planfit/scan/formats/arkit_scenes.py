@@ -13,7 +13,7 @@ from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import read_camera
 from planfit.scan.poses import MAX_ENTRY, join_times, poses_at
-from planfit.scan.recording import Frame, LensOfFrame, Size
+from planfit.scan.recording import Frame, LensOfFrame
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, read_matrix
 from planfit.scan.timed_lists import image_lacked
@@ -33,15 +33,14 @@ MAX_IMAGE_GAP_S = 0.005
 
 
 @dataclass(frozen=True)
-class _Pincams:
-    """Names of the files of intrinsics, by the ids of frames."""
+class _Tables:
+    """The file of poses, and those of intrinsics by the ids of frames."""
 
-    poses_name: str
-    folder: str
-    name_of: dict[str, str]
+    poses: str
+    pincam_of: dict[str, str]
 
 
-def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # noqa: ARG001
+def _frames(source: FileSource, options: ScanOptions) -> Listing[_Tables]:  # noqa: ARG001
     color = next((n for n in COLORS if source.names(n)), "lowres_wide")
     depth_folder = next((n for n in DEPTHS if source.names(n)), DEPTHS[0])
     poses_name = first_of(source, POSES)
@@ -78,8 +77,9 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
         )
         if ok
     ]
-    lens_of = {
-        name.removesuffix(".png"): pincams[k] for name, k in zip(names, nearest, strict=True)
+    pincam_of = {
+        name.removesuffix(".png"): f"{lenses}/{pincams[k]}"
+        for name, k in zip(names, nearest, strict=True)
     }
     skipped = [
         f"frame {names[k]}: {lenses} has none near its time" for k in np.flatnonzero(~has_lens)
@@ -87,18 +87,12 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Pincams]:  # n
     skipped += [
         f"frame {names[k]}: {poses_name} has no pose near its time" for k in np.flatnonzero(~known)
     ]
-    pincams_of = _Pincams(poses_name, lenses, lens_of)
-    return Listing(source, frames, pincams_of, [poses_name], skipped)
+    return Listing(source, frames, _Tables(poses_name, pincam_of), [poses_name], skipped)
 
 
-def _lens(listing: Listing[_Pincams]) -> LensOfFrame:
-    pincams = listing.content
-    camera_of = cache(lambda name: Lens(read_camera(listing.source, name)))
-
-    def lens(frame: Frame, _: Size) -> Lens:
-        return camera_of(f"{pincams.folder}/{pincams.name_of[frame.frame_id]}")
-
-    return lens
+def _lens(listing: Listing[_Tables]) -> LensOfFrame:
+    lens_of = cache(lambda name: Lens(read_camera(listing.source, name)))
+    return lambda frame, _: lens_of(listing.content.pincam_of[frame.frame_id])
 
 
 def _by_time(
@@ -139,7 +133,7 @@ def _read_poses(
     return kept[:, 0], se3.inverse(se3.make_transform(rotations, kept[:, 4:]))
 
 
-def _write(refined: Refined[_Pincams]) -> None:
+def _write(refined: Refined[_Tables]) -> None:
     cam_from_world = se3.inverse(refined.poses)
     vectors = Rotation.from_matrix(cam_from_world[:, :3, :3]).as_rotvec()
     rows = np.concatenate([vectors, cam_from_world[:, :3, 3]], axis=1)
@@ -147,7 +141,7 @@ def _write(refined: Refined[_Pincams]) -> None:
         np.format_float_positional(frame.time, trim="-") + " " + " ".join(f"{v:.9f}" for v in row)
         for frame, row in zip(refined.frames, rows, strict=True)
     ]
-    (refined.directory / refined.content.poses_name).write_text("\n".join(lines) + "\n")
+    (refined.directory / refined.content.poses).write_text("\n".join(lines) + "\n")
 
 
 ARKIT_SCENES = FolderLayout(
