@@ -158,14 +158,10 @@ def _plan(arguments: ViewArguments, record: RunRecord, fingerprint: str) -> Floo
 
 def _open(address: str) -> None:
     """In a browser, and say so where there is none."""
-    if not _opened(address):
-        out.print("no browser was found to open it: open the address above in one")
-
-
-def _opened(address: str) -> bool:
-    """Whether a browser took it."""
     try:
         name = getattr(webbrowser.get(), "name", "")
-        return Path(str(name)).name not in _OF_TERMINAL and webbrowser.open(address)
+        is_open = Path(str(name)).name not in _OF_TERMINAL and webbrowser.open(address)
     except (webbrowser.Error, OSError):
-        return False
+        is_open = False
+    if not is_open:
+        out.print("no browser was found to open it: open the address above in one")
