@@ -128,8 +128,10 @@ def _float_maps(
     lens: Lens, camera: Camera
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
     """Columns and rows of the stored image that the camera's pixels fall on."""
-    uv = lens.pixels(_rays(camera)).astype(np.float32)
     shape = (camera.height, camera.width)
+    v, u = np.indices(shape).astype(float)
+    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    uv = lens.pixels(rays).astype(np.float32)
     return uv[:, 0].reshape(shape), uv[:, 1].reshape(shape)
 
 
@@ -165,12 +167,6 @@ def _places(lens: Lens, camera: Camera) -> tuple[Float[np.ndarray, "*u"], Float[
     u = (np.arange(camera.width) - camera.cx) * (stored.fx / camera.fx) + stored.cx
     v = (np.arange(camera.height) - camera.cy) * (stored.fy / camera.fy) + stored.cy
     return u[None, :], v[:, None]
-
-
-def _rays(camera: Camera) -> Float[np.ndarray, "n 3"]:
-    """Through all pixels of a camera, row by row."""
-    rows, columns = np.mgrid[: camera.height, : camera.width]
-    return camera.rays(np.stack([columns.ravel(), rows.ravel()], axis=1).astype(float))
 
 
 def make_camera(width: object, height: object, intrinsics: object, where: str) -> Camera:
