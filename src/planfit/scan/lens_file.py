@@ -271,7 +271,10 @@ def take_calibration(scan: Scan, path: Path) -> Scan:
         ScanError: the file cannot be read, or is no calibration of this version.
     """
     content = _content(path)
-    sensor = _sensor(content, path)
+    try:
+        sensor = SensorCalibration(**_numbers(content, "parameters", PARAMETERS, path))
+    except ValueError as error:
+        raise ScanError(f"{path}: {error}; make the calibration again") from error
     of_file = _numbers(content, "camera", ("width", "fx"), path)
     if min(of_file.values()) <= 0:
         raise ScanError(
@@ -317,13 +320,6 @@ def _content(path: Path) -> dict[str, Any]:
             "again with this version of planfit"
         )
     return content
-
-
-def _sensor(content: dict[str, Any], path: Path) -> SensorCalibration:
-    try:
-        return SensorCalibration(**_numbers(content, "parameters", PARAMETERS, path))
-    except ValueError as error:
-        raise ScanError(f"{path}: {error}; make the calibration again") from error
 
 
 def _numbers(

@@ -114,7 +114,12 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_Metadata]:  # 
         Frame(str(i), float(time), pose, *export.frame_names(i))
         for i, (time, pose) in enumerate(zip(times, poses, strict=True))
     ]
-    _check_first_image(source, frames, color_size)
+    first = next((frame.color for frame in frames if source.exists(frame.color)), None)
+    if first is not None and (found := whole_image_size(source, first)) != color_size:
+        raise ScanError(
+            f"{source.path}: expected colour of {width} x {height} px as metadata says, found "
+            f"{found[0]} x {found[1]}"
+        )
     metadata = _Metadata(export, content, where, color_size, depth_size)
     return Listing(source, frames, metadata, [export.metadata])
 
@@ -129,15 +134,6 @@ def _images(plain: ImageFiles, listing: Listing[_Metadata]) -> ImageFiles:
 def _lens(listing: Listing[_Metadata], frame: Frame, size: Size) -> Lens:
     content, where = listing.content.content, listing.content.where
     return Lens(make_camera(*size, _intrinsics(content, int(frame.frame_id), where), where))
-
-
-def _check_first_image(source: FileSource, frames: list[Frame], size: Size) -> None:
-    first = next((frame.color for frame in frames if source.exists(frame.color)), None)
-    if first is not None and (found := whole_image_size(source, first)) != size:
-        raise ScanError(
-            f"{source.path}: expected colour of {size[0]} x {size[1]} px as metadata says, found "
-            f"{found[0]} x {found[1]}"
-        )
 
 
 def _poses(content: dict[str, Any], where: str) -> Float[np.ndarray, "n 4 4"]:

@@ -70,6 +70,7 @@ class DatabaseSource(PackedSource):
         except sqlite3.Error as error:
             raise ScanError(f"{path}: expected a database, cannot be opened ({error})") from error
         weakref.finalize(self, self._connection.close)
+        self._stamp = fingerprint_of_file(path)
         self._time = _QueryTime()
         self._connection.set_progress_handler(self._time.is_up, _STEPS)
         views = self.rows("SELECT name FROM sqlite_master WHERE type = 'view'")
@@ -115,10 +116,6 @@ class DatabaseSource(PackedSource):
     def stamp(self, name: str) -> str:
         """See `ImageSource`: that of the whole file."""
         return f"{self.n_bytes(name)} {self._stamp}"
-
-    @cached_property
-    def _stamp(self) -> str:
-        return fingerprint_of_file(self.path)
 
     @cached_property
     def _lengths(self) -> dict[str, dict[str, int]]:

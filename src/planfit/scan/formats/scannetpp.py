@@ -41,7 +41,11 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[_PoseFile]:  # 
     entries = {name: entry for name, entry in content.items() if _FRAME.fullmatch(name)}
     if not entries:
         raise ScanError(f"{where}: expected objects frame_NNNNNN, found none")
-    _check_depth(source, folder)
+    if not source.names(f"{folder}depth") and source.exists(f"{folder}depth.bin"):
+        raise ScanError(
+            f"{source.path / folder / 'depth'}: expected depth/frame_NNNNNN.png, found depth.bin alone; "
+            "unpack it with the toolkit's prepare_iphone_data.py (extract_depth: true)"
+        )
     video_name, video = _video(source, folder)
     frames, skipped = [], []
     for name in _unpacked(source, folder, sorted(entries)):
@@ -75,14 +79,6 @@ def _write(refined: Refined[_PoseFile]) -> None:
 
 def _number(frame_id: str) -> int:
     return int(frame_id.removeprefix("frame_"))
-
-
-def _check_depth(source: FileSource, folder: str) -> None:
-    if not source.names(f"{folder}depth") and source.exists(f"{folder}depth.bin"):
-        raise ScanError(
-            f"{source.path / folder / 'depth'}: expected depth/frame_NNNNNN.png, found depth.bin alone; "
-            "unpack it with the toolkit's prepare_iphone_data.py (extract_depth: true)"
-        )
 
 
 def _video(source: FileSource, folder: str) -> tuple[str, Video | None]:

@@ -245,7 +245,10 @@ def read(source: SensSource, options: ScanOptions) -> Recording:
                 str(i), time, stored.world_from_cam, f"color/{i}" if has_color else "", f"depth/{i}"
             )
         )
-
+    cut_off = (
+        f"the file ends within frame {len(frames)} of {header.n_frames}: the frames before it are read; copy "
+        "it again for the others"
+    )
     images = SensImages(source, options.depth_scale or 1 / header.units_per_metre, header=header)
     return Recording(
         format="sens",
@@ -257,7 +260,7 @@ def read(source: SensSource, options: ScanOptions) -> Recording:
         color_from_depth=color_from_depth,
         write_poses=NUMBERED_POSES.write_into,
         fingerprint=fingerprint(images.source, images.files(frames), options),
-        warnings=_warnings(source),
+        warnings=[cut_off] if len(frames) < header.n_frames else [],
     )
 
 
@@ -269,16 +272,6 @@ def _times_s(frames: Sequence[SensFrame]) -> list[float]:
     if not len(steps) or steps.min() <= 0 or not least <= np.median(steps) <= most:
         return [float(i) for i in range(len(frames))]
     return [float(t) for t in times - times[0]]
-
-
-def _warnings(source: SensSource) -> list[str]:
-    missing = source.header.n_frames - len(source.frames)
-    if not missing:
-        return []
-    return [
-        f"the file ends within frame {len(source.frames)} of {source.header.n_frames}: the frames before it "
-        "are read; copy it again for the others"
-    ]
 
 
 def _exactly(data: bytes, n_bytes: int, path: Path) -> UInt8[np.ndarray, " n"]:

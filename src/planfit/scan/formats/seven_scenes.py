@@ -155,7 +155,9 @@ def _table(source: FileSource) -> str:
 
 def _info_frames(source: FileSource, options: ScanOptions) -> Listing[_Info]:
     table = _table(source)
-    info = _Info(_values(source, table), str(source.path / table))
+    pairs = (line.partition("=") for line in read_text(source, table).splitlines())
+    values = {name.strip(): value.strip() for name, _, value in pairs}
+    info = _Info(values, str(source.path / table))
     listing = FRAMES(source, options, _folder(source) or "")
     return replace(listing, content=info, tables=[table, *listing.tables])
 
@@ -179,11 +181,6 @@ def _text(source: FileSource, name: str) -> str:
         return read_text(source, name)
     except ScanError:
         return ""  # no text: none of this format
-
-
-def _values(source: FileSource, table: str) -> dict[str, str]:
-    pairs = (line.partition("=") for line in read_text(source, table).splitlines())
-    return {name.strip(): value.strip() for name, _, value in pairs}
 
 
 def _extrinsics(info: _Info, name: str) -> Float[np.ndarray, "4 4"]:

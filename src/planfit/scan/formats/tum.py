@@ -32,7 +32,7 @@ DEFAULT = (525.0, 525.0, 319.5, 239.5)
 
 def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ...]]:
     """Frames, and intrinsics and distortion of all of them."""
-    color, depth, is_paired = _paired(source) or _listed(source)
+    color, depth, is_paired = _lists(source)
     poses_name, table = _poses(source, options)
     name = poses_name or (options.poses.name if options.poses else "")
     found = frames_of_lists(
@@ -50,17 +50,13 @@ def _lens(listing: Listing[tuple[float, ...]], _: Frame, size: Size) -> Lens:
     return Lens(make_camera(*size, intrinsics[:4], where), tuple(intrinsics[4:]))
 
 
-def _listed(source: FileSource) -> tuple[ImageList | None, ImageList, bool]:
-    """Colour and depth as rgb.txt and depth.txt list images, each by its time."""
-    color = read_list(source, "rgb.txt") if source.exists("rgb.txt") else None
-    return color, read_list(source, "depth.txt"), False
-
-
-def _paired(source: FileSource) -> tuple[ImageList, ImageList, bool] | None:
-    """As a list of pairs has them; None where there is none, or the two lists of the benchmark are there."""
+def _lists(source: FileSource) -> tuple[ImageList | None, ImageList, bool]:
+    """Colour and depth, and whether they are paired line by line: as a list of pairs has them, unless there
+    is none or the two lists of the benchmark are there, rgb.txt and depth.txt, each by its time."""
     name = first_of(source, PAIRS)
     if not source.exists(name) or (source.exists("rgb.txt") and source.exists("depth.txt")):
-        return None
+        color = read_list(source, "rgb.txt") if source.exists("rgb.txt") else None
+        return color, read_list(source, "depth.txt"), False
     rows = read_rows(source, name, "lines `time colour time depth`")
     first, second = (columns_of_list(source, name, rows, k, " time filename") for k in (0, 2))
     n_depth = [sum("depth" in image.lower() for image in one.names) for one in (first, second)]
