@@ -25,8 +25,6 @@ WITHOUT_COLOUR = (
     f"{VIDEO} was not read, which takes the library PyAV: depth alone is used, by which places are found "
     "again less surely; pip install 'planfit[video]' brings it"
 )
-LOST = [float("nan")] * 7
-"""In the place of position and quaternion where the tracker had none."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ def _parse_row(line: str, n_columns: int) -> _Row | None:
         return None
     pose = values[2:9]
     if not np.isfinite(pose).all() or max(abs(v) for v in pose[3:]) < ROUNDING:
-        pose = LOST
+        pose = [np.nan] * 7
     return _Row(values[0], int(values[1]), pose, words) if values[1] >= 0 else None
 
 

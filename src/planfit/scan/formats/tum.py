@@ -35,9 +35,8 @@ def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ..
     color, depth, is_paired = _lists(source)
     poses_name, table = _poses(source, options)
     name = poses_name or (options.poses.name if options.poses else "")
-    found = frames_of_lists(
-        source.path, color, depth, table, name, options.max_time_gap_s, is_paired
-    )
+    gap_s = options.max_time_gap_s
+    found = frames_of_lists(source.path, color, depth, table, name, gap_s, is_paired)
     intrinsics, warning = _intrinsics(source)
     files = ("rgb.txt", "depth.txt") if not is_paired else (depth.file,)
     tables = [n for n in (*files, poses_name, CALIBRATION) if source.exists(n)]
