@@ -211,11 +211,9 @@ def cache_of(folder: Path) -> Path | None:
 def _corrections(record: dict[str, Any], where: str) -> Corrections:
     """Those that the run was made with; none where it is older than corrections."""
     told = record.get("corrections")
-    return (
-        corrections_of(tomllib.loads(told["toml"]), f"{where}corrections")
-        if told
-        else NO_CORRECTIONS
-    )
+    if not told:
+        return NO_CORRECTIONS
+    return corrections_of(tomllib.loads(told["toml"]), f"{where}corrections")
 
 
 def read_present_scan(path: Path, segmentation: SegmentationOptions, options: ScanOptions) -> Scan:
