@@ -66,7 +66,7 @@ function draw(state) {
   for (const visit of state.visits) {
     const [first, last] = [visit.first_frames, visit.last_frames];
     const words = `frames ${first.join("-")} and ${last.join("-")}: ${inUnits(visit.after_m, 3)} apart, `
-      + `${visit.kept_out_m.toFixed(3)} without this loop`;
+      + `${inUnits(visit.kept_out_m, 3)} without this loop`;
     item(of("visits"), words,
       button("show", () => { a.show(first[0]); b.show(last[0]); }),
       button("delete", () => change("add", { kind: "delete_loop", entry: { frames: [first, last] } }, "loop deleted")));
