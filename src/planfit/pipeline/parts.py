@@ -153,8 +153,8 @@ def placed_by_parts(
     aligned = _aligned(prepared, tracking, on_plan, options)
     if aligned is None:
         return None
-    walk, as_aligned = aligned
-    places, tried = [as_aligned], set()
+    walk, plan_from_level = aligned
+    places, tried = [walk.at(plan_from_level)], set()
     while True:
         path = _likeliest(walk, places, or_unknown=True)
         new = _more_places(walk, places, path, tried, options.align)
@@ -190,8 +190,10 @@ def opened_by_walls(
     aligned = _aligned(prepared, tracking, on_plan, options)
     if aligned is None:
         return None
-    walk, as_aligned = aligned
-    path = _likeliest(walk, [as_aligned], or_unknown=True)
+    walk, plan_from_level = aligned
+    if walk.is_whole.all():
+        return None
+    path = _likeliest(walk, [walk.at(plan_from_level)], or_unknown=True)
     # Between the last keyframe that saw walls here and the first that did there, any step may be it.
     with_walls = np.flatnonzero(walk.n_patches)
     changes = np.flatnonzero(np.diff(path[with_walls]))
@@ -214,8 +216,8 @@ def _aligned(
     tracking: Tracking,
     on_plan: ScanOnPlan,
     options: RefineOptions,
-) -> tuple[_Walk, _Place] | None:
-    """The walk and where it was aligned as a whole; None where nothing is asked of its parts."""
+) -> tuple[_Walk, Float[np.ndarray, "4 4"]] | None:
+    """The walk and plan_from_level of it as a whole; None where nothing is asked of its parts."""
     plan, found = on_plan.floorplan, on_plan.alignment
     if not (options.tracking.is_judged and options.tracking.mend):
         return None  # all is to stay as recorded
@@ -223,8 +225,7 @@ def _aligned(
         return None
     if len(prepared.level_from_keys) < 2:
         return None
-    walk = _Walk.of(prepared, tracking, plan.used())
-    return walk, walk.at(found.plan_from_level)
+    return _Walk.of(prepared, tracking, plan.used()), found.plan_from_level
 
 
 def _more_places(

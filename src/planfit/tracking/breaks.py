@@ -128,9 +128,8 @@ def find_displacement(
             continue
         is_tail = last == len(world_from_cams) - 1
         if is_tail:
-            found = _as_walked(
-                _as_upright(found, votes.pivot, up_world), votes.pivot, world_from_cams, usual
-            )
+            found = _as_upright(found, votes.pivot, up_world)
+            found = _as_walked(found, votes.pivot, world_from_cams, usual)
         if is_tail and _is_blind(world_from_cams, votes, found, contradicts[of], usual):
             continue
         rank = found.gain
@@ -280,10 +279,8 @@ def _as_walked(
     walked = before @ ahead @ se3.inverse(world_from_cams[jump.first])
     length, angle = usual
     prior = np.diag(np.repeat([(angle / 2) ** -2, (length / 2) ** -2], 3))
-    both = np.linalg.inv(np.linalg.inv(jump.covariance) + prior)
     way = _apart(walked[None], jump.world_from_recorded, pivot)[0]
-    displaced = _moved(jump.world_from_recorded, both @ prior @ way, pivot)
-    return replace(jump, world_from_recorded=displaced, covariance=both)
+    return _with_prior(jump, pivot, prior, way)
 
 
 def _as_upright(
@@ -305,9 +302,18 @@ def _as_upright(
         return jump
     prior = np.zeros((6, 6))
     prior[:3, :3] = level / variance
-    both = np.linalg.inv(np.linalg.inv(jump.covariance) + prior)
-    off = both @ prior @ np.concatenate([-tilt, np.zeros(3)])
-    displaced = _moved(jump.world_from_recorded, off, pivot)
+    return _with_prior(jump, pivot, prior, np.concatenate([-tilt, np.zeros(3)]))
+
+
+def _with_prior(
+    jump: Displacement,
+    pivot: Float[np.ndarray, "3"],
+    information: Float[np.ndarray, "6 6"],
+    way: Float[np.ndarray, "6"],
+) -> Displacement:
+    """The displacement as its motions and a prior have it, whose mean is a tangent `way` from it."""
+    both = np.linalg.inv(np.linalg.inv(jump.covariance) + information)
+    displaced = _moved(jump.world_from_recorded, both @ information @ way, pivot)
     return replace(jump, world_from_recorded=displaced, covariance=both)
 
 
