@@ -10,7 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment.refine import AlignmentHypothesis, free_columns, rotation_2d, scaled_faces
+from planfit.alignment.refine import (
+    START_SIGMA_M,
+    AlignmentHypothesis,
+    free_columns,
+    n_observations,
+    rotation_2d,
+    scaled_faces,
+)
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_beside
@@ -67,10 +74,10 @@ def refine_nonrigid(
     weights, centre = walls.worth, walls.middle
     middle = rotation_2d(yaw) @ centre + hypothesis.translation
     shares, stiffness = _knot_shares(len(walls.xy)), _stiffness()
+    lever_sq = weights @ np.sum((walls.xy - centre) ** 2, axis=1) / weights.sum()
+    damping = _damping(float(lever_sq))
     knots = np.zeros((N_KNOTS, 3))  # yaw (rad), translation (2,) m of each knot
-    # Samples a metre apart are independent; the prior is weighed against so many of them.
-    cells = len(np.unique(np.round(walls.xy).astype(int), axis=0))
-    information = cells / weights.sum() / WALL_SIGMA_M**2 * weights
+    information = n_observations(walls) / weights.sum() / WALL_SIGMA_M**2 * weights
     for max_distance_m in DISTANCES_M:
         deformed = _deform(walls, centre, yaw, middle, shares @ knots)
         equations = _normal_equations(
@@ -80,7 +87,7 @@ def refine_nonrigid(
             break
         hessian, gradient = equations
         size = knots.size
-        hessian[:size, :size] += stiffness
+        hessian[:size, :size] += stiffness + damping
         gradient[:size] += stiffness @ knots.ravel()
         step = np.linalg.solve(hessian + 1e-6 * np.eye(len(hessian)), -gradient)
         knots += step[:size].reshape(N_KNOTS, 3)
@@ -137,6 +144,12 @@ def _stiffness() -> Float[np.ndarray, "u u"]:
     return np.kron(
         steps.T @ steps, np.diag([KNOT_SIGMA_RAD**-2, KNOT_SIGMA_M**-2, KNOT_SIGMA_M**-2])
     )
+
+
+def _damping(lever_sq_m2: float) -> Float[np.ndarray, "u u"]:
+    """Quadratic form of the mean motion of all knots: as far as starts are off, as in `refine_hypothesis`."""
+    mean = np.full((N_KNOTS, N_KNOTS), N_KNOTS**-2.0)
+    return np.kron(mean, np.diag([lever_sq_m2, 1.0, 1.0]) / START_SIGMA_M**2)
 
 
 def _deform(

@@ -23,6 +23,9 @@ OCCLUDED_WEIGHT = 0.5
 partitions that do not hide what is behind, so that an occlusion is a sign and no proof."""
 OBSERVATION_M = 1.0
 """Wall of this length counts as one observation in the covariance: errors along a wall are shared (ADR 3)."""
+START_SIGMA_M = 0.5
+"""How far off starts are, one standard deviation: a cell of the search, and drift. Holds the scan along
+directions in which walls say next to nothing, where it slid along a corridor by 9 m."""
 
 N_SEGMENTS = 5
 """Trajectory segments that a walk is cut into, to see whether they agree."""
@@ -94,6 +97,7 @@ def refine_hypothesis(
     yaw, scale = start.yaw, np.array(start.scale_xy)
     centre, worth = walls.middle, walls.worth
     middle = rotation_2d(yaw) @ centre + start.translation
+    columns = free_columns(steps.n_scales)
     hessian, mad_sigma_m = np.zeros((5, 5)), 0.0
     for max_distance_m in steps.distances_m:
         ends, face_normals = scaled_faces(floorplan, scale)
@@ -111,10 +115,14 @@ def refine_hypothesis(
         if ok.sum() < 3:
             break
         normal, residual = face_normals[face[ok]], distance[ok]
-        jacobian = _jacobian(lever[ok], normal, residual) @ free_columns(steps.n_scales)
+        jacobian = _jacobian(lever[ok], normal, residual) @ columns
         weight = worth[ok] / (1.0 + (residual / (0.3 * max_distance_m)) ** 2)
         hessian = jacobian.T @ (jacobian * weight[:, None])
-        damping = 1e-6 * weight.sum() * np.eye(len(hessian))
+        # Levenberg's damping: a step costs by how far it moves the samples, squared.
+        lever_sq = np.mean(lever**2, axis=0)
+        moved_sq = np.array([lever_sq.sum(), 1.0, 1.0, *lever_sq])
+        damping = columns.T @ (columns * moved_sq[:, None])
+        damping *= weight.sum() / n_observations(walls) * (SCORE_SIGMA_M / START_SIGMA_M) ** 2
         step = np.linalg.solve(hessian + damping, -jacobian.T @ (weight * residual))
         mad_sigma_m = 1.4826 * float(np.median(np.abs(residual)))
         yaw = float(yaw + step[0])
@@ -272,6 +280,11 @@ def scaled_faces(
     return ends, normals * np.sign(side)[:, None]
 
 
+def n_observations(walls: WallSamples) -> int:
+    """Independent observations of wall: cells of `OBSERVATION_M` with samples."""
+    return len(np.unique(np.round(walls.xy / OBSERVATION_M).astype(int), axis=0))
+
+
 def rotation_2d(yaw: float) -> Float[np.ndarray, "2 2"]:
     """Rotation by `yaw` rad, counter-clockwise seen from above."""
     c, s = np.cos(yaw), np.sin(yaw)
@@ -297,8 +310,7 @@ def _covariance(
     n = min(len(hessian), 4)
     if len(walls.xy) == 0 or not hessian.any():
         return covariance
-    cells = np.unique(np.round(walls.xy / OBSERVATION_M).astype(int), axis=0)
-    per_observation = hessian[:n, :n] * (len(cells) / walls.worth.sum())
+    per_observation = hessian[:n, :n] * (n_observations(walls) / walls.worth.sum())
     sigma_m = max(mad_sigma_m, 0.01)
     # What no wall holds gets a large sigma, not none.
     per_observation = per_observation + 1e-4 * np.eye(n)
