@@ -7,7 +7,7 @@ import pytest
 
 from builders import faces_plan, look, make_matches, make_structure
 from planfit import RefineOptions
-from planfit.adjust import Measurements, hold_to_keyframes
+from planfit.adjust import AdjustOptions, Measurements, adjust_to_plan, hold_to_keyframes
 from planfit.alignment import Alignment
 from planfit.geometry import se3
 from planfit.matching.surfaces.types import SurfacePairs
@@ -135,7 +135,8 @@ def test_frames_beyond_a_step_that_nothing_measured_whose_few_walls_fit_nowhere_
     few_walls = with_few_walls(prepared, [STEP + 6])
     undecided = replace(tracking, undecided_steps=np.array([3, STEP]))
     assert placed_by_parts(few_walls, undecided, on_plan, RefineOptions()) is None
-    opened = opened_by_walls(few_walls, undecided, on_plan, RefineOptions())
+    poses = few_walls.level_from_keys
+    opened = opened_by_walls(few_walls, undecided, on_plan, RefineOptions(), poses)
     assert opened is not None
     # Nothing tells which of the two steps between the walls that are explained and those that are not.
     assert opened.open_steps.tolist() == [STEP, STEP + 2]
@@ -150,12 +151,13 @@ def test_frames_beyond_a_step_that_nothing_measured_whose_few_walls_fit_nowhere_
 def test_nothing_is_opened_where_all_steps_to_the_walls_were_measured(truth, rng, unmatched):
     prepared, tracking, on_plan = world(truth, jumped(truth), rng, unmatched)
     few_walls = with_few_walls(prepared, [STEP + 6])
-    assert opened_by_walls(few_walls, tracking, on_plan, RefineOptions()) is None
+    walk = few_walls, tracking, on_plan, RefineOptions(), few_walls.level_from_keys
+    assert opened_by_walls(*walk) is None
 
 
 def test_a_step_that_nothing_measured_to_walls_that_fit_stays_as_recorded(truth, rng):
     prepared, tracking, on_plan = world(truth, truth, rng)
-    assert opened_by_walls(prepared, tracking, on_plan, RefineOptions()) is None
+    assert opened_by_walls(prepared, tracking, on_plan, RefineOptions(), truth) is None
 
 
 def test_surfaces_brought_together_elsewhere_than_the_walls_have_them_are_found_out(truth, rng):
@@ -176,3 +178,13 @@ def test_surfaces_brought_together_elsewhere_than_the_walls_have_them_are_found_
     )
     found = matched_elsewhere(surfaces, tracking, placed)
     assert found.tolist() == [True, True, True, False, False]
+
+
+def test_drift_that_walls_take_back_opens_nothing(truth, rng):
+    shifted = truth.copy()
+    shifted[STEP + 1 :, :2, 3] += np.linspace(0.2, 0.5, N - STEP - 1)[:, None]
+    prepared, tracking, on_plan = world(truth, shifted, rng)
+    walk = prepared, tracking, on_plan, RefineOptions()
+    assert opened_by_walls(*walk, prepared.level_from_keys) is not None
+    pulled = adjust_to_plan(prepared.measurements, on_plan.floorplan, shifted, AdjustOptions())
+    assert opened_by_walls(*walk, pulled.solution.target_from_cams[:N]) is None

@@ -10,7 +10,7 @@ shows by walls alone (`pipeline/parts.py`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
 from planfit.adjust import adjust_to_plan
 from planfit.alignment import judge_adjusted
@@ -175,8 +175,14 @@ class _Walk:
         return replace(found, is_against=is_elsewhere)
 
     def opened(self, as_is: _Tried) -> _Tried | None:
-        """The walk with steps open beyond which its walls are nowhere on the plan, if there are any."""
-        tracking = opened_by_walls(as_is.prepared, as_is.tracking, as_is.on_plan, self.options)
+        """The walk with steps open beyond which its walls are nowhere on the plan, if there are any.
+
+        Neither where the whole was aligned nor once its walls have pulled: drift of 0.3 m is no jump.
+        """
+        on_plan, walk = as_is.on_plan, (as_is.prepared, as_is.tracking, as_is.on_plan, self.options)
+        tracking = opened_by_walls(*walk, on_plan.plan_from_level @ as_is.prepared.level_from_keys)
+        if tracking is not None and on_plan.floorplan is not None:
+            tracking = opened_by_walls(*walk, self.adjusted(as_is, on_plan.floorplan))
         if tracking is None:
             return None
         prepared = self.prepared(tracking, as_is.is_against)
@@ -201,12 +207,15 @@ class _Walk:
 
     def adjusted_score(self, tried: _Tried) -> float:
         """Share of wall that the plan explains once it has pulled."""
-        on_plan, measured = tried.on_plan, tried.prepared.measurements
+        on_plan, structure = tried.on_plan, tried.prepared.measurements.structure
         if on_plan.alignment is None or on_plan.floorplan is None:
             return 0.0
-        start = on_plan.plan_from_level @ tried.prepared.level_from_keys
-        options = self.options
-        quick = replace(options.adjust, starts=options.adjust.starts[:1])
-        adjusted = adjust_to_plan(measured, on_plan.floorplan, start, quick)
-        walls = wall_samples(measured.structure, adjusted.solution.target_from_cams[: len(start)])
-        return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, options.align).score
+        walls = wall_samples(structure, self.adjusted(tried, on_plan.floorplan))
+        return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, self.options.align).score
+
+    def adjusted(self, tried: _Tried, plan: Floorplan) -> Float[np.ndarray, "n 4 4"]:
+        """Keyframes on the plan once it has pulled, plan_from_cams."""
+        start = tried.on_plan.plan_from_level @ tried.prepared.level_from_keys
+        quick = replace(self.options.adjust, starts=self.options.adjust.starts[:1])
+        solution = adjust_to_plan(tried.prepared.measurements, plan, start, quick).solution
+        return solution.target_from_cams[: len(start)]

@@ -88,8 +88,13 @@ class _Walk:
     n_patches: Int[np.ndarray, " n"]
 
     @staticmethod
-    def of(prepared: PreparedScan, tracking: Tracking, plan: Floorplan) -> "_Walk":
-        poses, measured = prepared.level_from_keys, prepared.measurements
+    def of(
+        prepared: PreparedScan,
+        tracking: Tracking,
+        plan: Floorplan,
+        poses: Float[np.ndarray, "n 4 4"],
+    ) -> "_Walk":
+        measured = prepared.measurements
         walls, steps = measured.structure.walls, measured.odometry.cam_from_next
         normals, ends = wall_patches_in_plan(walls, poses)
         xy, patch = segments.sample(ends, SAMPLES_APART_M)
@@ -150,11 +155,11 @@ def placed_by_parts(
         on_plan: where the scan as a whole was aligned.
         options: those of the run.
     """
-    aligned = _aligned(prepared, tracking, on_plan, options)
-    if aligned is None:
+    plan = _plan_asked(prepared, on_plan, options)
+    if plan is None:
         return None
-    walk, plan_from_level = aligned
-    places, tried = [walk.at(plan_from_level)], set()
+    walk = _Walk.of(prepared, tracking, plan, prepared.level_from_keys)
+    places, tried = [walk.at(on_plan.plan_from_level)], set()
     while True:
         path = _likeliest(walk, places, or_unknown=True)
         new = _more_places(walk, places, path, tried, options.align)
@@ -173,6 +178,7 @@ def opened_by_walls(
     tracking: Tracking,
     on_plan: ScanOnPlan,
     options: RefineOptions,
+    plan_from_keys: Float[np.ndarray, "n 4 4"],
 ) -> Tracking | None:
     """The walk with those steps open that nothing measured and beyond which walls are nowhere on the plan;
     None where all is explained.
@@ -186,14 +192,15 @@ def opened_by_walls(
         tracking: of all frames.
         on_plan: where the scan as a whole was aligned.
         options: those of the run.
+        plan_from_keys: of keyframes, there.
     """
-    aligned = _aligned(prepared, tracking, on_plan, options)
-    if aligned is None:
+    plan = _plan_asked(prepared, on_plan, options)
+    if plan is None:
         return None
-    walk, plan_from_level = aligned
+    walk = _Walk.of(prepared, tracking, plan, plan_from_keys)
     if walk.is_whole.all():
         return None
-    path = _likeliest(walk, [walk.at(plan_from_level)], or_unknown=True)
+    path = _likeliest(walk, [walk.at(np.eye(4))], or_unknown=True)
     # Between the last keyframe that saw walls here and the first that did there, any step may be it.
     with_walls = np.flatnonzero(walk.n_patches)
     changes = np.flatnonzero(np.diff(path[with_walls]))
@@ -211,21 +218,16 @@ def opened_by_walls(
     )
 
 
-def _aligned(
-    prepared: PreparedScan,
-    tracking: Tracking,
-    on_plan: ScanOnPlan,
-    options: RefineOptions,
-) -> tuple[_Walk, Float[np.ndarray, "4 4"]] | None:
-    """The walk and plan_from_level of it as a whole; None where nothing is asked of its parts."""
+def _plan_asked(
+    prepared: PreparedScan, on_plan: ScanOnPlan, options: RefineOptions
+) -> Floorplan | None:
+    """The plan that the walk was aligned to; None where nothing is asked of its parts."""
     plan, found = on_plan.floorplan, on_plan.alignment
     if not (options.tracking.is_judged and options.tracking.mend):
         return None  # all is to stay as recorded
     if plan is None or found is None or options.align.method == "paper":
         return None
-    if len(prepared.level_from_keys) < 2:
-        return None
-    return _Walk.of(prepared, tracking, plan.used()), found.plan_from_level
+    return plan.used() if len(prepared.level_from_keys) > 1 else None
 
 
 def _more_places(
