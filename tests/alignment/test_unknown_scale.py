@@ -317,6 +317,15 @@ def test_thickness_is_measured_where_the_reader_gave_none():
     np.testing.assert_allclose(wall_thickness(joined([inner, outer])), 0.3)
 
 
+def test_courts_between_wings_that_were_outlined_from_inside_are_no_walls():
+    wings = [(0, 0), (22, 0), (22, 10), (18, 10), (18, 3), (13, 3)]
+    wings += [(13, 10), (9, 10), (9, 3), (4, 3), (4, 10), (0, 10)]
+    plan = unitless(faces_plan(wings), 0.0, 0.02, (0, 0))
+    assert len(wall_thickness(plan)) == 0
+    low, high = scale_range(sample_walls(plan.normals, 0.02 * plan.ends), plan)
+    assert low < 0.02 < high
+
+
 def test_scale_steps_are_even_and_close_enough():
     scales = scale_steps(0.5, 4.0, 0.05)
     ratio = scales[1:] / scales[:-1]

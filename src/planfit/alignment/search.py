@@ -226,7 +226,8 @@ def scale_range(walls: WallSamples, floorplan: Floorplan) -> tuple[float, float]
 def wall_thickness(floorplan: Floorplan) -> Float[np.ndarray, " k"]:
     """Thicknesses of the walls that have any, unit of the plan.
 
-    Where the reader gave none, the gap to the nearest face that looks the other way, behind each face.
+    Where the reader gave none, the gap to the nearest face that looks the other way, behind each face; none
+    where fewer than half have one, as where rooms were outlined from inside and gaps are what lies between.
     """
     if floorplan.thickness is not None:
         known = floorplan.thickness[np.isfinite(floorplan.thickness) & (floorplan.thickness > 0)]
@@ -245,7 +246,7 @@ def wall_thickness(floorplan: Floorplan) -> Float[np.ndarray, " k"]:
         is_partner = (normals @ normals[i] < -0.99) & (behind > 0) & (overlap > 0.3 * length[i])
         if is_partner.any():
             gaps.append(behind[is_partner].min())
-    return np.array(gaps)
+    return np.array(gaps if 2 * len(gaps) >= len(sure) else [])
 
 
 def scale_steps(low: float, high: float, step: float) -> Float[np.ndarray, " k"]:
