@@ -255,7 +255,7 @@ def test_candidate_yaws_begin_with_the_true_one(office, rng):
 
 
 @pytest.mark.parametrize(
-    "changed", [{"CELL_M": 0.1}, {"CELL_M": 0.4}, {"REACH_M": 0.2}, {"REACH_M": 0.8}]
+    "changed", [{"CELL_M": 0.1}, {"CELL_M": 0.4}, {"START_SIGMA_M": 0.2}, {"START_SIGMA_M": 0.8}]
 )
 def test_cell_and_reach_change_the_search_and_not_the_answer(office, changed):
     truth = se3.yaw_transform(-0.6, np.array([5.0, 9.0, 0.0]))

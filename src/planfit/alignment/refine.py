@@ -23,9 +23,9 @@ OCCLUDED_WEIGHT = 0.5
 partitions that do not hide what is behind, so that an occlusion is a sign and no proof."""
 OBSERVATION_M = 1.0
 """Wall of this length counts as one observation in the covariance: errors along a wall are shared (ADR 3)."""
-START_SIGMA_M = 0.5
-"""How far off starts are, one standard deviation: a cell of the search, and drift. Holds the scan along
-directions in which walls say next to nothing, where it slid along a corridor by 9 m."""
+START_SIGMA_M = 0.4
+"""How far off wall of a start is, one standard deviation: leftover drift, and a cell of the search. In the
+refinement it holds the scan along directions in which walls say next to nothing, where it slid by 9 m."""
 
 N_SEGMENTS = 5
 """Trajectory segments that a walk is cut into, to see whether they agree."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment.likelihood_field import TranslationSearch, make_likelihood_field
-from planfit.alignment.refine import AlignmentHypothesis, rotation_2d
+from planfit.alignment.refine import START_SIGMA_M, AlignmentHypothesis, rotation_2d
 from planfit.alignment.selection import DISTINCT_TRANSLATION_M, SameWithin, keep_distinct
 from planfit.alignment.wall_samples import WallSamples
 from planfit.floorplan import Floorplan
@@ -15,9 +15,6 @@ from planfit.priors import BUILDING_SIZE_M, WALL_FACES_APART_M, WALL_THIN_QUARTE
 
 CELL_M = 0.2
 """Finest cell of the coarse search; it grows with the size of scan and plan."""
-REACH_M = 0.4
-"""A wall this far from its face still scores 0.6 in the coarse search; covers leftover drift. At
-least one and a half cells."""
 MAX_CANDIDATES = 48
 """Hypotheses of the coarse search that are refined."""
 CELLS_ACROSS = 100
@@ -74,7 +71,7 @@ def search_hypotheses(
     for group in _octaves(all_scales):
         middle = float(np.sqrt(group[0] * group[-1]))
         fields = make_likelihood_field(
-            floorplan.scaled(middle), cell_m, REACH_M, 2.0, walls.extent_m
+            floorplan.scaled(middle), cell_m, START_SIGMA_M, 2.0, walls.extent_m
         )
         search = TranslationSearch(fields, reach_m * middle / group[0])
         for scale in group:
