@@ -107,6 +107,12 @@ def test_threads_and_cache_do_not_change_the_result(scan, tmp_path):
         assert_array_equal(one.walls.ends_cam, two.walls.ends_cam)
 
 
+def test_no_floor_is_supposed_where_poses_were_recorded_in_the_axes_of_the_plan():
+    up = np.stack([look([3, 2, 1.4], 0, -89.0)] * 2)
+    found = extracted(replace(room_scan(up), plan_from_world_axes=np.eye(4)))
+    assert np.isnan(found.floor_height_m)
+
+
 def test_a_world_with_another_up_and_origin(scan):
     room_from_world = se3.make_transform(
         se3.exp_so3(np.array([np.pi / 2, 0, 0])), np.array([1.0, 2, 5])
@@ -123,7 +129,8 @@ def test_a_view_without_floor_and_walls_is_empty():
     found = extracted(room_scan(up))
     assert len(found.walls) == 0
     assert len(found.floor.points_cam) == 0
-    assert np.isnan(found.floor_height_m)
+    # Supposed below the camera, at 1.4 m.
+    assert found.floor_height_m == pytest.approx(0.1, abs=0.2)
     assert found.walls.ends_cam.shape == (0, 2, 3)
     assert found.walls.points_cam.shape == (0, 3)
 

@@ -131,7 +131,8 @@ class ScanKind(Kind):
         "gravity is unsure (from {source})", "check that the floor is level in the report"
     )
     NO_FLOOR = warning(
-        "no floor was seen: height and tilt follow the recorded poses",
+        "no floor was seen: height and tilt follow the recorded poses, and where the floor lies below them "
+        "is supposed",
         "tilt the camera down while scanning, or give floor masks",
     )
     FLOOR_NOT_LEVEL = note(_floor_pieces)

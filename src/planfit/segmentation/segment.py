@@ -1,7 +1,7 @@
 """Floor points and wall patches of every frame: the paper's P_F and P_W, ready for the adjustment."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal
 
@@ -12,6 +12,7 @@ from jaxtyping import Float
 from planfit.errors import OptionError, ScanError, require_positive
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.priors import CAMERA_HEIGHT_M
 from planfit.runtime import SEED, Arrays, Runtime, StoredItem, cache_key, let_go, map_rows
 from planfit.scan import Label, Scan
 from planfit.segmentation.back_ends import BackEnd, MaskBackEnd, geometry_back_end
@@ -99,7 +100,11 @@ def segment_scan(
         back_end.identity,
     )  # fmt: skip
     items = runtime.map_stored("floor and walls", key, len(scan), compute, _STORED)
-    return _gather(items, upright_from_cams, back_end.name)
+    found = _gather(items, upright_from_cams, back_end.name)
+    if np.isfinite(found.floor_height_m) or scan.plan_from_world_axes is not None:
+        return found
+    supposed_m = float(upright_from_cams[:, 2, 3].mean()) - CAMERA_HEIGHT_M.value
+    return replace(found, floor_height_m=supposed_m)
 
 
 def choose_back_end(

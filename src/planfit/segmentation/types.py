@@ -116,7 +116,8 @@ class Structure:
     back_end: str
     """Which back end labelled the pixels: masks, geometry or learned."""
     floor_height_m: float
-    """The floor's height in the world turned level, as recorded; NaN where none was seen."""
+    """The floor's height in the world turned level, as recorded. Where none was seen: supposed to lie as far
+    below the cameras as floors mostly do, or NaN where poses were recorded in the plan's axes."""
     storeys: Int[np.ndarray, " n"] | None = None
     """Storey that each frame stands on, as faces of joined plans are numbered; `NO_STOREY` on stairs. None:
     one plan for all frames."""

@@ -28,6 +28,8 @@ _BELOW_M = 3.0
 _REACH_M = DEPTH_REACH_M.value
 _EVEN_SHARE, _LEAST_SHARE = 1 / 3, 1 / 30
 """Of the points on the largest level, so many on a lower one are as often of the floor as not; and least."""
+_APART_M = 0.3
+"""Levels that are not one, and the camera from any."""
 _WORTH = 0.5
 """Of the logarithm of a share beside that of a probability: points of one surface are seen together."""
 
@@ -92,31 +94,38 @@ def build_submap(
     seen_over = minimum_filter(highest_ray, size=3)
     is_wall = (top - bottom + 1) * BIN_M >= min_rise_m
     is_wall &= (seen_over - top) * BIN_M <= free_above_m
-    floor_m, ceilings_m = _level_heights(samples)
+    floor_m, ceilings_m = _level_heights(samples, tilt_sine)
     return Submap(low[:2], np.packbits(is_wall, axis=1), is_wall.shape[1], floor_m, ceilings_m)
 
 
-def _level_heights(samples: Sequence[FrameSample]) -> tuple[float, np.ndarray]:
+def _level_heights(samples: Sequence[FrameSample], tilt_sine: float) -> tuple[float, np.ndarray]:
     """Height of the floor, and heights of ceilings, as level surfaces that many points lie on."""
     points_z = np.concatenate([s.points[:, 2] for s in samples]).astype(float)
     above = np.concatenate([s.points[:, 2] - s.centre[2] for s in samples])
     facing = np.concatenate([s.normal_z for s in samples])
     with np.errstate(invalid="ignore"):
-        floor_like = points_z[(facing > 0.96) & (above < -0.3) & (above > -_BELOW_M)]
-        ceiling_like = points_z[(facing < -0.96) & (above > 0.3)]
+        is_near = above > -_BELOW_M
+        floor_like = points_z[(facing > 0.96) & (above < -_APART_M) & is_near]
+        ceiling_like = points_z[(facing < -0.96) & (above > _APART_M)]
+        upright_z = points_z[(np.abs(facing) < tilt_sine) & is_near]
     camera_m = float(np.mean([s.centre[2] for s in samples]))
-    floor_m = _floor_height(*level_peaks(floor_like, _LEAST_SHARE), camera_m)
+    floor_m = _floor_height(*level_peaks(floor_like, _LEAST_SHARE), camera_m, upright_z)
     return floor_m, level_peaks(ceiling_like, 1 / 4)[0]
 
 
 def _floor_height(
-    levels_m: Float[np.ndarray, " k"], counts: Float[np.ndarray, " k"], camera_m: float
+    levels_m: Float[np.ndarray, " k"],
+    counts: Float[np.ndarray, " k"],
+    camera_m: float,
+    upright_z: Float[np.ndarray, " n"],
 ) -> float:
     """Which of the level surfaces seen from above is the floor; NaN where there is none.
 
     A long table may outnumber the floor beneath it. LiDAR sees points below true floors, in open shafts and
     by mirrors, as many as a quarter of those on it, and a submap without its floor cost the ConSLAM scan
-    0.02 to 0.05 m. So a lower level is the floor by the odds of its share and of the camera's height then.
+    0.02 to 0.05 m. So a lower level is the floor by the odds of its share and of the camera's height then; or
+    one that is not seen, by those of the upright surfaces below, such as the fronts beneath a worktop, and of
+    a camera a sigma from its usual height.
     """
     if len(levels_m) == 0:
         return np.nan
@@ -128,7 +137,10 @@ def _floor_height(
         of_share = _WORTH * np.log(counts[k] / (_EVEN_SHARE * counts[0]))
         log_odds = of_share + (off[floor] ** 2 - off[k] ** 2) / 2
         floor = int(k) if is_lower and log_odds > 0.0 else floor
-    return float(levels_m[floor])
+    n_below = np.count_nonzero(upright_z < levels_m[floor] - _APART_M)
+    of_share = _WORTH * np.log(max(n_below, 1) / (_EVEN_SHARE * counts[0]))
+    is_seen = of_share + (off[floor] ** 2 - 1.0) / 2 <= 0.0
+    return float(levels_m[floor]) if is_seen else np.nan
 
 
 def level_peaks(
