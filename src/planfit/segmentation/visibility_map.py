@@ -138,9 +138,11 @@ def _floor_height(
         log_odds = of_share + (off[floor] ** 2 - off[k] ** 2) / 2
         floor = int(k) if is_lower and log_odds > 0.0 else floor
     n_below = np.count_nonzero(upright_z < levels_m[floor] - _APART_M)
-    of_share = _WORTH * np.log(max(n_below, 1) / (_EVEN_SHARE * counts[0]))
-    is_seen = of_share + (off[floor] ** 2 - 1.0) / 2 <= 0.0
-    return float(levels_m[floor]) if is_seen else np.nan
+    if n_below == 0:
+        return float(levels_m[floor])
+    of_share = _WORTH * np.log(n_below / (_EVEN_SHARE * counts[0]))
+    is_hidden = of_share + (off[floor] ** 2 - 1.0) / 2 > 0.0
+    return np.nan if is_hidden else float(levels_m[floor])
 
 
 def level_peaks(
