@@ -67,6 +67,13 @@ def test_fronts_below_a_worktop_say_that_the_floor_is_not_seen(rng, camera_z, is
     assert np.isfinite(found.floor_m) == is_floor
 
 
+def test_what_a_shining_floor_reflects_leaves_it_the_floor_of_a_robot(rng):
+    floor = level_sample(rng, (0.0, 900), camera_z=0.5)
+    walls = level_sample(rng, *((z, 3) for z in np.arange(-2.4, 0.0, 0.2)), camera_z=0.5)
+    reflected = replace(walls, normal_z=np.zeros(len(walls.points), np.float32))
+    assert mapped(floor, reflected).floor_m == pytest.approx(0.0, abs=0.01)
+
+
 def test_points_below_the_floor_leave_it_the_floor(rng):
     floor, below = level_sample(rng, (0.0, 900)), level_sample(rng, (-0.6, 250))
     sideways = replace(below, normal_z=np.zeros(250, np.float32))

@@ -124,25 +124,30 @@ def _floor_height(
     A long table may outnumber the floor beneath it. LiDAR sees points below true floors, in open shafts and
     by mirrors, as many as a quarter of those on it, and a submap without its floor cost the ConSLAM scan
     0.02 to 0.05 m. So a lower level is the floor by the odds of its share and of the camera's height then; or
-    one that is not seen, by those of the upright surfaces below, such as the fronts beneath a worktop, and of
-    a camera a sigma from its usual height.
+    one that is not seen, by those of the upright surfaces below, such as the fronts beneath a worktop.
     """
     if len(levels_m) == 0:
         return np.nan
-    spread = CAMERA_HEIGHT_SIGMA_SHARE.value
-    off = np.log((camera_m - levels_m) / CAMERA_HEIGHT_M.value) / spread
+    off = _height_sigmas(camera_m - levels_m)
     floor = 0
     for k in np.argsort(-levels_m):
         is_lower = levels_m[k] < levels_m[floor]
         of_share = _WORTH * np.log(counts[k] / (_EVEN_SHARE * counts[0]))
         log_odds = of_share + (off[floor] ** 2 - off[k] ** 2) / 2
         floor = int(k) if is_lower and log_odds > 0.0 else floor
-    n_below = np.count_nonzero(upright_z < levels_m[floor] - _APART_M)
-    if n_below == 0:
+    below = upright_z[upright_z < levels_m[floor] - _APART_M]
+    if len(below) < _LEAST_SHARE * counts[0]:
         return float(levels_m[floor])
-    of_share = _WORTH * np.log(n_below / (_EVEN_SHARE * counts[0]))
-    is_hidden = of_share + (off[floor] ** 2 - 1.0) / 2 > 0.0
+    # A floor that is not seen lies where the upright surfaces end.
+    of_share = _WORTH * np.log(len(below) / (_EVEN_SHARE * counts[0]))
+    off_hidden = _height_sigmas(camera_m - np.percentile(below, [5]))[0]
+    is_hidden = of_share + (off[floor] ** 2 - off_hidden**2) / 2 > 0.0
     return np.nan if is_hidden else float(levels_m[floor])
+
+
+def _height_sigmas(height_m: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """How far a camera's height over a floor is from the usual one."""
+    return np.log(height_m / CAMERA_HEIGHT_M.value) / CAMERA_HEIGHT_SIGMA_SHARE.value
 
 
 def level_peaks(
