@@ -37,12 +37,18 @@ class WallStyle(StrEnum):
 
     BLACK = "solid black"
     BLACK_ALONE = "solid black, nothing else drawn"
+    SINGLE_LINES = "single lines"
     GREY = "solid grey"
     OUTLINED = "filled, outlined"
     HATCHED = "hatched"
     LINES = "double lines"
     CLOSED_LINES = "double lines, closed"
     GIVEN = "as given"
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether nothing else is drawn."""
+        return self in (self.BLACK_ALONE, self.SINGLE_LINES)
 
     @property
     def family(self) -> "WallStyle":

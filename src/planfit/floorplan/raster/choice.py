@@ -181,7 +181,42 @@ def find_walls_alone(
     width = least_wall_width(black, max(small.shape))
     if width.least_px == 0 or not width.is_all:
         return None
-    mask = opened(black, 2)
+    return _alone(opened(black, 2), full, width.unsure_px)
+
+
+def or_lines_alone(
+    chosen: Interpretation | None, small: Float[np.ndarray, "h w"], full: Float[np.ndarray, "a b"]
+) -> Interpretation | None:
+    """An interpretation, or walls drawn by single lines where it leaves most of the ink and they do not.
+
+    `small` and `full` are as for `find_walls_alone`.
+    """
+    ink = (small > DARK).astype(np.uint8)
+    if chosen is not None and chosen.walls and ink_share(chosen, ink) > _ENOUGH_INK:
+        return chosen
+    found = _alone(ink, full, 0.0)
+    if found is None:
+        return chosen
+    regions = np.array(found.walls, dtype=object)
+    forms = measure_forms(regions)
+    is_line = forms.reach > ELONGATED * forms.thickness
+    is_line &= forms.straight > _STRAIGHT * forms.outline
+    found = replace(
+        found,
+        candidate=replace(found.candidate, style=WallStyle.SINGLE_LINES),
+        walls=tuple(regions[is_line]),
+        dropped=(*found.dropped, *regions[~is_line]),
+        straight_share=float(forms.straight[is_line].sum() / forms.outline.sum()),
+    )
+    # Of double lines among furniture and words, five regions of six have not the form of lines.
+    shares = is_line.mean(), found.straight_share, ink_share(found, ink)
+    return found if min(shares) > _STRAIGHT else chosen
+
+
+def _alone(
+    mask: UInt8[np.ndarray, "h w"], full: Float[np.ndarray, "a b"], unsure_px: float
+) -> Interpretation | None:
+    """All of a mask as walls; None where it is specks."""
     walls, specks = _parted(_finely(mask, full))
     if not walls:
         return None
@@ -190,9 +225,7 @@ def find_walls_alone(
     usual = weighted_median(thickness, length)
     straight = float(straight_lengths(walls, max(1.5 * usual, 6.0)).sum())
     share = straight / float(length.sum())
-    candidate = Candidate(
-        WallStyle.BLACK_ALONE, mask, "edge", INK, 0.0, 2.0, unsure_px=width.unsure_px
-    )
+    candidate = Candidate(WallStyle.BLACK_ALONE, mask, "edge", INK, 0.0, 2.0, unsure_px=unsure_px)
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
 
 

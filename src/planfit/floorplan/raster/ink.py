@@ -8,7 +8,6 @@ import shapely
 from jaxtyping import Float, UInt8
 
 from planfit.floorplan.plausible import COMPARE
-from planfit.floorplan.raster.candidates import WallStyle
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.picture import DARK
@@ -70,7 +69,7 @@ def dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, .
     length = sum(region.length for region in interpretation.dropped) / 2 * shrink
     kind = (
         "specks"
-        if interpretation.candidate.style is WallStyle.BLACK_ALONE
+        if interpretation.candidate.style.is_alone
         else "marks of the tone and thickness of walls, but not of their form (letters, arrows, furniture, "
         "frames)"
     )
@@ -94,7 +93,7 @@ def with_account(
     read = f"{100 * ink.share:.0f} % of the ink is read as wall"
     left_px = round(ink.left_px * shrink)
     words = f"{read}; strokes of {left_px} px in all are not" if left_px else "no ink: all is wall"
-    if left_px and interpretation.candidate.style is not WallStyle.BLACK_ALONE:
+    if left_px and not interpretation.candidate.style.is_alone:
         words += " (thinner or paler than walls, or of other form: furniture, words, dimensions)"
     warnings = source.warnings
     if ink.is_little_read:

@@ -19,7 +19,12 @@ from planfit.floorplan.plans_on_sheet import (
 )
 from planfit.floorplan.plausible import COMPARE, find_doubts
 from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candidates, find_extent
-from planfit.floorplan.raster.choice import choose, find_walls_alone, with_paler_walls
+from planfit.floorplan.raster.choice import (
+    choose,
+    find_walls_alone,
+    or_lines_alone,
+    with_paler_walls,
+)
 from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
 from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
 from planfit.floorplan.raster.picture import (
@@ -143,7 +148,8 @@ def _interpreted(
     if alone is not None:
         return small, with_paler_walls(alone, small)
     ink = (small > DARK).astype(np.uint8)
-    return small, choose(find_candidates(small), find_extent(small), ink)
+    found = choose(find_candidates(small), find_extent(small), ink)
+    return small, or_lines_alone(found, small, upright.darkness)
 
 
 def _are_lines_touching(interpretation: Interpretation) -> bool:
@@ -206,7 +212,7 @@ def _checked(
         if interpretation.straight_share < _LEAST_STRAIGHT:
             raise _no_walls(name, "shapes without straight sides")
         # Of these straightness is asked before.
-        is_alone = interpretation.candidate.style is WallStyle.BLACK_ALONE
+        is_alone = interpretation.candidate.style.is_alone
         if not is_alone and _long_share(interpretation) < _LEAST_LONG_SHARE:
             raise _no_walls(name, "short strokes, as of letters or curves")
     length = float(sum(shapely.length(np.array(interpretation.all_walls, dtype=object))))
@@ -217,7 +223,7 @@ def _checked(
 
 def _no_walls(name: str, found: str) -> FloorplanError:
     return FloorplanError(
-        f"{name}: expected walls (solid, grey, hatched or double lines), found {found}; "
+        f"{name}: expected walls (solid, grey, hatched, double or single lines), found {found}; "
         "is it a floorplan? If it is, give your own picture of its walls with --wall-mask"
     )
 
@@ -263,7 +269,9 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
     settled = []
     for part, own in zip(interpretation.parts, parts, strict=True):
         found = replace(own, ends=(own.ends + 0.5) * size - 0.5, thickness=own.thickness * shrink)
-        settled.append(_settled(found, part.candidate, upright, shrink))
+        found = _settled(found, part.candidate, upright, shrink)
+        is_pen = part.candidate.style is WallStyle.SINGLE_LINES
+        settled.append(_middles(found) if is_pen else found)
     faces = WallFaces.together(settled)
     words = storey_words(walls, storey_of)
     doubts = find_doubts(faces.ends, openings, interpretation.all_walls, len(words))
@@ -275,7 +283,7 @@ def _faces(interpretation: Interpretation, upright: Upright, shrink: float) -> _
 
 def _faces_of_style(part: Interpretation) -> WallFaces:
     # Of walls of many thicknesses, what is short is known for wall where nothing else is drawn.
-    is_alone = part.candidate.style is WallStyle.BLACK_ALONE
+    is_alone = part.candidate.style.is_alone
     least_px = 3.0 if is_alone else max(0.5 * part.thickness_px, 5.0)
     return faces_of_regions(shapely.GeometryCollection(list(part.walls)), 0.6, least_px)
 
@@ -291,6 +299,14 @@ def _settled(faces: WallFaces, candidate: Candidate, upright: Upright, shrink: f
         candidate.edge == "stroke",
         max(1.5, 1.2 * shrink, 0.75 * abs(candidate.grow_px) * shrink),
     )
+
+
+def _middles(faces: WallFaces) -> WallFaces:
+    """Lines in the middle of strokes, of which nothing tells which side is free, or how thick the wall is."""
+    # One of the two sides of each stroke, told by a direction that no wall of an upright sheet runs along.
+    is_one = np.isfinite(faces.thickness) & (faces.normals @ np.array([1.0, np.sqrt(0.5)]) > 0)
+    inward = faces.normals[is_one] * (faces.thickness[is_one, None] / 2)
+    return WallFaces.without_a_side(faces.ends[is_one] - inward[:, None])
 
 
 def _to_floorplan(
