@@ -97,7 +97,7 @@ def refine_hypothesis(
     yaw, scale = start.yaw, np.array(start.scale_xy)
     centre, worth = walls.middle, walls.worth
     middle = rotation_2d(yaw) @ centre + start.translation
-    columns = free_columns(steps.n_scales)
+    columns, n_seen = free_columns(steps.n_scales), n_observations(walls)
     hessian, mad_sigma_m = np.zeros((5, 5)), 0.0
     for max_distance_m in steps.distances_m:
         ends, face_normals = scaled_faces(floorplan, scale)
@@ -122,7 +122,7 @@ def refine_hypothesis(
         lever_sq = np.mean(lever**2, axis=0)
         moved_sq = np.array([lever_sq.sum(), 1.0, 1.0, *lever_sq])
         damping = columns.T @ (columns * moved_sq[:, None])
-        damping *= weight.sum() / n_observations(walls) * (SCORE_SIGMA_M / START_SIGMA_M) ** 2
+        damping *= weight.sum() / n_seen * (SCORE_SIGMA_M / START_SIGMA_M) ** 2
         step = np.linalg.solve(hessian + damping, -jacobian.T @ (weight * residual))
         mad_sigma_m = 1.4826 * float(np.median(np.abs(residual)))
         yaw = float(yaw + step[0])

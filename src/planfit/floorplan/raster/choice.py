@@ -185,13 +185,12 @@ def find_walls_alone(
 
 
 def or_lines_alone(
-    chosen: Interpretation | None, small: Float[np.ndarray, "h w"], full: Float[np.ndarray, "a b"]
+    chosen: Interpretation | None, ink: UInt8[np.ndarray, "h w"], full: Float[np.ndarray, "a b"]
 ) -> Interpretation | None:
     """An interpretation, or walls drawn by single lines where it leaves most of the ink and they do not.
 
-    `small` and `full` are as for `find_walls_alone`.
+    `ink` is as for `choose`, `full` as for `find_walls_alone`.
     """
-    ink = (small > DARK).astype(np.uint8)
     if chosen is not None and chosen.walls and ink_share(chosen, ink) > _ENOUGH_INK:
         return chosen
     found = _alone(ink, full, 0.0)

@@ -149,7 +149,7 @@ def _interpreted(
         return small, with_paler_walls(alone, small)
     ink = (small > DARK).astype(np.uint8)
     found = choose(find_candidates(small), find_extent(small), ink)
-    return small, or_lines_alone(found, small, upright.darkness)
+    return small, or_lines_alone(found, ink, upright.darkness)
 
 
 def _are_lines_touching(interpretation: Interpretation) -> bool:
