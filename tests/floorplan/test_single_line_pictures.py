@@ -38,6 +38,7 @@ def read(image: np.ndarray, tmp_path: Path) -> Floorplan:
 def test_every_line_is_read_in_the_middle_of_its_stroke_once(tmp_path: Path) -> None:
     plan = read(drawn(1), tmp_path)
     assert "single lines" in plan.source.kind
+    assert any("unknown side" in warning for warning in plan.source.warnings)
     assert not plan.is_oriented.any()
     assert np.isnan(plan.thickness).all()
     lines = shapely.union_all(shapely.linestrings(plan.ends * [1.0, -1.0]))

@@ -371,6 +371,8 @@ def _warnings(
             f"strokes about {shrink * max(unsure):.0f} px thick may be walls, or leaves of doors and "
             f"furniture: {COMPARE}"
         )
+    if interpretation.candidate.style is WallStyle.SINGLE_LINES:
+        result.append(f"each line is taken for a wall, of unknown side and thickness: {COMPARE}")
     if abs(upright.skew_deg) >= 0.1:
         result.append(
             f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
