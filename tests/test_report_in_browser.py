@@ -14,7 +14,9 @@ from driven_browser import driven_browser, needs_browser, set_size
 from planfit import __version__
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
 from planfit.report.html.page import make_report
+from planfit.report.html.tables import captioned
 from planfit.report.options import Provenance
+from planfit.report.plots.drawing import PANEL_PT, Drawing
 from planfit.units import in_units, told_in
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result
@@ -72,7 +74,7 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
     report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
     found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
-    assert found["pictures"] == 12
+    assert found["pictures"] == 13
     assert found["words"] <= 900 < found["all_words"]
     assert found["cut"] == []
     assert found["covered"] == []
@@ -177,6 +179,13 @@ def test_axe_finds_nothing(tmp_path, floorplan, size_px, scheme):
         width_px = driver.execute_script("return document.documentElement.scrollWidth")
     assert [(one["id"], [node["html"] for node in one["nodes"]]) for one in found] == []
     assert width_px <= size_px[0]
+
+
+def test_wide_pictures_are_scrolled_by_the_keyboard_too():
+    """On a phone they are wider than the page (axe: scrollable-region-focusable)."""
+    wide, narrow = (captioned(Drawing(w, 100), "", "alt") for w in (2 * PANEL_PT, PANEL_PT))
+    assert 'class="plot wide" tabindex="0"' in wide
+    assert "tabindex" not in narrow
 
 
 @needs_browser

@@ -66,6 +66,7 @@ def room_scene(
     result = result or replace(seen, floorplan=room_plan())
     scan = room_scan(result)
     pictures = make_pictures(scan, result.plan_from_cams, max_pictures, Runtime())
+    as_built = as_built or room_as_built(offsets)
     return make_scene(scan, result, *room_points(seen, offsets), pictures, as_built), result
 
 

@@ -8,7 +8,6 @@ import pytest
 from browser_probe import BROWSER, found_in
 from planfit.as_built import AsBuilt, AsBuiltOpening, AsBuiltOptions, AsBuiltWall, Verdict
 from planfit.report.html.page import make_report
-from planfit.report.walls import seen_faces
 from test_report import floorplan as floorplan  # a fixture
 from test_report import make_result, read
 
@@ -43,8 +42,11 @@ def test_every_verdict_is_told_where_the_scan_was(floorplan):
     assert "1 agrees, 1 moved, 1 missing, 1 not seen, 1 new" in page
     for verdict in Verdict:
         style = f"as-built-{verdict.value.replace(' ', '-')}"
-        assert f'<tr class="{style}' in page  # a row of the table
-        assert f'<g class="{style}"' in page  # and a line of the map
+        # A row of the table, but where there is nothing to say, and a line of the map.
+        assert (f'<tr class="{style}' in page) == (verdict is not Verdict.NOT_SEEN)
+        assert f'<g class="{style}"' in page
+    assert "Of 16 m of" in page  # four faces of 4 m
+    assert "12 m were seen" in page
     assert page.count("<g class=") == 5
     assert "3 walls are not as planned" in page.replace("\n", " ")
     assert "6: " not in page  # a wall far away is in the files alone
@@ -63,37 +65,6 @@ def test_the_map_shows_where_a_moved_wall_stands(floorplan):
     # By -0.08 m along a normal that looks to -y: towards +y, up.
     assert y[1] - y[0] == pytest.approx(-0.08, abs=1e-3)
     assert "moved by 0.080 m" in group
-
-
-def test_walls_of_the_fit_are_in_the_same_table_by_the_same_numbers(floorplan):
-    """One table: numbers of the picture and of cross-sections are its own; short faces have a row too."""
-    of_fit = seen_faces(floorplan, make_result().adjustment)
-    assert [face.face_idx for face in of_fit] == [0, 1, 2, 3]
-    # The plan's faces in another order, and one of them too short to be judged.
-    judged = AsBuilt(
-        (wall(2, 0.0, 0.01, 0.004), wall(3, 1.0), wall(0, 2.0, 0.0, 0.01)), AsBuiltOptions(), "plan"
-    )
-    numbered = {
-        f.face_idx: f.number for f in seen_faces(floorplan, make_result().adjustment, judged)
-    }
-    assert numbered == {2: 1, 3: 2, 0: 3, 1: 4}
-    page = report_with(floorplan, judged)
-    assert page.count('<table class="sortable">') == 1
-    rows = page[page.index('<table class="sortable">') :].split("</table>")[0].split("<tr")[2:]
-    assert [row.split('data-key="')[1].split('"')[0] for row in rows] == ["1", "2", "3", "4"]
-    assert "too short to tell" in rows[3]
-    assert 'data-wall="1"' in rows[3]
-    assert "given way by" not in page
-    result = make_result()
-    sigmas_m = np.array([0.012, np.nan, np.nan, np.nan])
-    moved = replace(
-        result.adjustment, offsets_m=np.array([0.034, 0, 0, 0]), offset_sigmas_m=sigmas_m
-    )
-    page = make_report("scan", floorplan, replace(result, adjustment=moved), "", as_built=judged)
-    row = page[page.index('data-wall="0"') :].split("</tr>")[0]
-    assert "+3.4" in row
-    assert "±" in row
-    assert "given way by" in page
 
 
 def door(is_drawn, at, open_share, closed_share, edges=(NAN, NAN)):
@@ -140,7 +111,7 @@ addEventListener("load", () => {
   const input = section.querySelector(".as-built-tolerance");
   const look = (value) => {
     if (value !== null) { input.value = value; input.dispatchEvent(new Event("input")); }
-    const row = section.querySelectorAll("tbody tr")[1], line = section.querySelectorAll("g")[1];
+    const row = section.querySelector("tr[data-number='2']"), line = section.querySelectorAll("g")[1];
     const stands = line.querySelector(".stands");
     return {
       words: section.querySelector(".as-built-counts").textContent,

@@ -1,7 +1,6 @@
 // Verdicts of walls follow the tolerance: only of walls that stand, which agree or were moved.
 for (const section of document.querySelectorAll("section.as-built")) {
   const input = section.querySelector(".as-built-tolerance");
-  const rows = [...section.querySelectorAll("tbody tr")];
   const words = ["agrees", "moved", "missing", "not seen", "new"];
   const judge = () => {
     const tolerance = Number(input.value) * Number(input.dataset.metres);
@@ -20,7 +19,7 @@ for (const section of document.querySelectorAll("section.as-built")) {
       one.classList.toggle("unsure", unsure);
       one.cells[1].textContent = one.cells[1].dataset.key = verdict;
     }
-    const count = (word) => rows.filter((row) => row.cells[1].dataset.key === word).length;
+    const count = (word) => section.querySelectorAll(`g.as-built-${word.replace(" ", "-")}`).length;
     section.querySelector(".as-built-counts").textContent = words.map((w) => `${count(w)} ${w}`).join(", ");
     document.dispatchEvent(new CustomEvent("as-built", { detail: verdicts })); // the 3D view has them too
   };

@@ -1,7 +1,7 @@
 """The section of the report that holds every wall and opening against its drawing: a map and tables, whose
 verdicts follow a tolerance that is chosen on the page (`as_built.js`)."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TypeVar
 
@@ -24,10 +24,9 @@ from planfit.as_built import (
     opening_words,
 )
 from planfit.report import formatting
-from planfit.report.html.tables import Cell, color_keys, sortable_table, table
+from planfit.report.html.tables import Cell, color_keys, plural, sortable_table, table
 from planfit.report.plots import colors
 from planfit.report.plots.top_view import Crop
-from planfit.report.walls import SeenFace
 from planfit.units import INCH_M, area, asked, in_units
 
 Drawn = TypeVar("Drawn", AsBuiltWall, AsBuiltOpening)
@@ -38,24 +37,20 @@ COLORS = {
     Verdict.NEW: colors.UNMATCHED,
     Verdict.NOT_SEEN: colors.NOT_SEEN,
 }
+"""On the map and in the 3D view (`STATUS_COLORS` of renderer.js)."""
 _HEADS = (
     "No.", "verdict", "offset", "sigma", "patches", "frames", "looked through", "length", "middle x, y (m)",
 )  # fmt: skip
 
 
-def as_built_section(
-    as_built: AsBuilt,
-    crop: Crop,
-    faces: Sequence[SeenFace] = (),
-    rooms: Sequence[RoomAsBuilt] = (),
-) -> str:
-    """Words, the control of the tolerance, a map of the part that was scanned, and the table of all walls.
+def as_built_section(as_built: AsBuilt, crop: Crop, rooms: Sequence[RoomAsBuilt] = ()) -> str:
+    """Words, the control of the tolerance, a map of the part that was scanned, and the table of the walls of
+    which something is known.
 
     Args:
         as_built: verdicts.
         crop: part of the plan that is shown.
-        faces: that the fit used, numbered as the walls are; those too short for a verdict are listed too.
-        rooms: as built; those of which nothing was seen are not told.
+        rooms: as built.
     """
     options = as_built.options
     unit, unit_m, step = ("in", INCH_M, 0.125) if asked() == "ft" else ("m", 1.0, 0.005)
@@ -65,10 +60,15 @@ def as_built_section(
     counts = counted([as_built.verdict(wall) for _, wall in shown])
     words = ", ".join(f"{count} {escape(verdict.value)}" for verdict, count in counts.items())
     n_walls = len(deviations(as_built))
+    length_m = sum(wall.length_m for _, wall in shown if wall.face_idx >= 0)
+    seen_m = length_m - sum(
+        wall.length_m for _, wall in shown if as_built.verdict(wall) is Verdict.NOT_SEEN
+    )
     return f"""<section class="as-built"><h3>As built against as planned</h3>
 <p>Every face of the plan half a metre long or more: it agrees, was moved (its offset, positive into the
 room, with one standard deviation, what the poses may be off included), is missing (cameras look through where
-it should be), or was not seen; and walls that the plan does not draw.
+it should be), or was not seen; and walls that the plan does not draw. Of {in_units(length_m, ".0f")} of
+faces in this part of the plan, outer ones among them, {in_units(seen_m, ".0f")} were seen.
 At {in_units(options.tolerance_m, "g")}, {n_walls}
 {"wall is" if n_walls == 1 else "walls are"} not as planned, both faces of a wall counted as one; a verdict in
 italics is not sure: the tolerance lies within {SURE_SIGMAS:g} standard deviations of the offset.
@@ -80,7 +80,7 @@ value="{round(options.tolerance_m / unit_m, 3):g}" data-metres="{unit_m:g}"
 data-sure="{SURE_SIGMAS:g}"> {unit}:</label>
 <span class="as-built-counts" role="status">{words}</span></p>
 <p>{keys}</p>{_map(as_built, shown, crop)}
-{_table(as_built, shown, faces)}</section>
+{sortable_table(_HEADS, list(_rows(as_built, shown)))}</section>
 {_openings_section(as_built, crop)}
 {_rooms_section(rooms)}"""
 
@@ -89,45 +89,6 @@ def _shown(drawn: Sequence[Drawn], crop: Crop) -> list[tuple[int, Drawn]]:
     """Walls or openings of the part of the plan that is shown, with their numbers."""
     touched = crop.touches(np.array([one.ends for one in drawn]).reshape(-1, 2, 2))
     return [one for one, on in zip(enumerate(drawn, start=1), touched, strict=True) if on]
-
-
-def _table(
-    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], faces: Sequence[SeenFace]
-) -> str:
-    """All walls, and what the fit gave way by where it did."""
-    of_fit = {face.face_idx: face for face in faces}
-    judged = {wall.face_idx for wall in as_built.walls}
-    short = [face for face in faces if face.face_idx not in judged]
-    rows = [*_rows(as_built, shown, of_fit), *(("", "", _short(face)) for face in short)]
-    if any(face.solved for face in faces):
-        return sortable_table((*_HEADS, "given way by"), rows)
-    return sortable_table(_HEADS, [(style, more, cells[:-1]) for style, more, cells in rows])
-
-
-def _short(face: SeenFace) -> tuple[Cell, ...]:
-    """Cells of a face that the fit used and that is too short for a verdict."""
-    none = Cell.empty()
-    return (
-        _number(face.number, face.face_idx),
-        Cell("too short to tell", "too short to tell"),
-        _centimetres(face.offset, signed=True),
-        none,
-        Cell(str(face.n_patches), face.n_patches),
-        none,
-        none,
-        _length(face.length),
-        _position(*face.middle_xy),
-        _solved(face),
-    )
-
-
-def _solved(face: SeenFace | None) -> Cell:
-    """What the adjustment moved a face by, where it did."""
-    if face is None or face.solved is None:
-        return Cell.empty()
-    offset, sigma = face.solved
-    shown = f"{formatting.centimetres(offset, signed=True)} ± {formatting.centimetres(sigma)}"
-    return Cell(shown, offset)
 
 
 def _number(number: int, face_idx: int) -> Cell:
@@ -164,6 +125,7 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
             f'<g class="{_style(verdict)}" {_data(number, wall)}><title>{name}</title>'
             f"{_line(wall.ends, crop, 'drawn')}"
             + (_line(wall.built_ends, crop, "stands") if wall.is_standing else "")
+            + _label(number, wall, crop)
             + "</g>"
         )
     for number, opening in _shown(as_built.openings, crop):
@@ -175,11 +137,20 @@ def _map(as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], crop: Crop
     strokes = {f"opening-{v.value.replace(' ', '-')}": c for v, c in OPENING_COLORS.items()}
     strokes |= {_style(verdict): color for verdict, color in COLORS.items()}
     styles = " ".join(f".as-built .{name} line {{ stroke: {c}; }}" for name, c in strokes.items())
+    styles += (
+        f" .as-built text {{ font-size: {width / 55:.3f}px; stroke-width: {width / 300:.3f}px; }}"
+    )
     return (
         f'<svg viewBox="0 0 {width:.3f} {height:.3f}" data-left="{crop.low[0]:.4f}" '
         f'data-top="{crop.high[1]:.4f}" role="img" '
         f'aria-label="Walls of the plan by verdict"><style>{styles}</style>{"".join(lines)}</svg>'
     )
+
+
+def _label(number: int, wall: AsBuiltWall, crop: Crop) -> str:
+    """The number of a wall, beside its middle: seen where it is not as drawn."""
+    x, y = wall.built_ends.mean(axis=0) + 0.012 * crop.size[0] * wall.normal
+    return f'<text x="{x - crop.low[0]:.2f}" y="{crop.high[1] - y:.2f}">{number}</text>'
 
 
 def _line(ends: Float[np.ndarray, "2 2"], crop: Crop, style: str) -> str:
@@ -190,11 +161,13 @@ def _line(ends: Float[np.ndarray, "2 2"], crop: Crop, style: str) -> str:
 
 
 def _rows(
-    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]], of_fit: Mapping[int, SeenFace]
+    as_built: AsBuilt, shown: Sequence[tuple[int, AsBuiltWall]]
 ) -> Iterator[tuple[str, str, tuple[Cell, ...]]]:
-    """Style, attributes and cells of each row."""
-    for number, wall in shown:
-        verdict = as_built.verdict(wall)
+    """Style, attributes and cells of each row, first of what is not as planned; what was not seen is on the
+    map alone."""
+    told = [(as_built.verdict(wall), number, wall) for number, wall in shown]
+    told = [each for each in told if each[0] is not Verdict.NOT_SEEN]
+    for verdict, number, wall in sorted(told, key=lambda each: each[0] is Verdict.AGREES):
         x, y = map(float, wall.ends.mean(axis=0))
         is_off = wall.is_standing and wall.face_idx >= 0
         sure = "" if as_built.is_sure(wall) else " unsure"
@@ -211,7 +184,6 @@ def _rows(
                 _share(wall.through_share),
                 _length(wall.length_m),
                 _position(x, y),
-                _solved(of_fit.get(wall.face_idx)),
             ),
         )
 
@@ -308,6 +280,9 @@ def _opening_rows(
 def _rooms_section(rooms: Sequence[RoomAsBuilt]) -> str:
     """Areas and clear widths; nothing where no room is known or seen."""
     seen = [room for room in rooms if room.seen_share > 0]
+    count = (
+        f"Of {len(rooms)} {plural(len(rooms), 'room', 'rooms')} of the plan, {len(seen)} were seen."
+    )
     if not seen:
         return ""
     rows = []
@@ -333,10 +308,11 @@ def _rooms_section(rooms: Sequence[RoomAsBuilt]) -> str:
         "walls seen",
         "inside, x, y (m)",
     )
+    shown = table(heads, rows, "nnnnwnn")
     return (
-        '<section class="rooms"><h3>Rooms</h3><p>Areas as planned, and how much more or less they are as '
-        "built, between walls where they were seen and as drawn where not; clear widths between walls that "
-        f"face each other, as planned and how far off.</p>{table(heads, rows, 'nnnnwnn')}</section>"
+        f'<section class="rooms"><h3>Rooms</h3><p>{count} Areas as planned, and how much more or less '
+        "they are as built, between walls where they were seen and as drawn where not; clear widths between "
+        f"walls that face each other, as planned and how far off.</p>{shown}</section>"
     )
 
 

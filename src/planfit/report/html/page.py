@@ -11,12 +11,12 @@ import numpy as np
 
 from planfit import __version__
 from planfit.as_built import AsBuilt
-from planfit.findings import sentences_of
+from planfit.findings import Finding, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.survey_residuals import contradicted_points
-from planfit.pipeline.verdict import Outcome, Verdict
+from planfit.pipeline.verdict import Outcome
 from planfit.report.html import sections, tables
 from planfit.report.html.evidence_sections import (
     certainty,
@@ -31,6 +31,7 @@ from planfit.report.html.overview import (
     storeys_section,
     three_numbers,
 )
+from planfit.report.html.photos import items_with_photos
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
 from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
 from planfit.report.measures import BeforeAfter, measure, measure_storeys
@@ -147,7 +148,7 @@ def _top(shown: Shown) -> str:
     if floorplan is not None:
         fitted = f"fitted to the floorplan {_last_part(floorplan.name)}"
     on_date = "" if made is None else f" on {escape(made.at.split()[0])}"
-    warnings = "".join(f"<li>{escape(warning)}</li>" for warning in result.warnings)
+    warnings = _with_photos(shown, [(each, escape(each.sentence)) for each in result.findings])
     parts = [
         f"<h1>{escape(shown.scan_name)}</h1>",
         _title_block(shown),
@@ -162,7 +163,7 @@ def _top(shown: Shown) -> str:
     if result.by_hand is not None:
         parts.append(_by_hand(result.by_hand))
     if result.verdict.reservations:
-        parts.append(_reservations(result.verdict))
+        parts.append(_reservations(shown))
     if warnings:
         parts.append(
             f'<div class="warnings"><h2>Before you use this result</h2><ul>{warnings}</ul></div>'
@@ -256,13 +257,22 @@ def _by_hand(by_hand: ByHand) -> str:
     )
 
 
-def _reservations(verdict: Verdict) -> str:
-    items = "".join(
-        f"<li>{escape(each.words[0].upper() + each.words[1:])}. "
-        f"<em>What to do:</em> {escape(each.advice)}.</li>"
-        for each in verdict.reservations
-    )
-    return f'<div class="warnings"><h2>Reservations</h2><ul>{items}</ul></div>'
+def _reservations(shown: Shown) -> str:
+    items = [
+        (
+            each,
+            f"{escape(each.words[0].upper() + each.words[1:])}. "
+            f"<em>What to do:</em> {escape(each.advice)}.",
+        )
+        for each in shown.result.verdict.reservations
+    ]
+    found = _with_photos(shown, items)
+    return f'<div class="warnings"><h2>Reservations</h2><ul>{found}</ul></div>'
+
+
+def _with_photos(shown: Shown, items: Sequence[tuple[Finding, str]]) -> str:
+    pictures = {} if shown.scene is None else shown.scene.pictures
+    return items_with_photos(items, shown.result, pictures)
 
 
 def _costs_and_time(shown: Shown) -> str:

@@ -5,7 +5,7 @@ from html import escape
 
 import numpy as np
 
-from planfit.as_built import AsBuilt, rooms_as_built
+from planfit.as_built import AsBuilt, in_words, rooms_as_built
 from planfit.evaluation import NEAR_FACE_M
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
@@ -16,11 +16,9 @@ from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.tables import captioned, plural, side_by_side, sides, table, width_pt
 from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.plots import charts, colors, maps
+from planfit.report.plots import charts, maps, wall_views
 from planfit.report.plots.drawing import PANEL_PT
 from planfit.report.plots.top_view import Crop
-from planfit.report.walls import AGREES_WITHIN_M, FEW_PATCHES, SeenFace, seen_faces
-from planfit.units import in_units
 
 _DIGITS = {"": 4, "m": 3, "1/m": 4, "px": 1}
 
@@ -73,7 +71,7 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
         )
         for name, side in sides(both)
     ]
-    limit = formatting.length(maps.FLOOR_RANGE_M, ".1f")
+    limit = formatting.length(maps.RANGE_M, ".1f")
     return (
         "<h2>Floor</h2><p>Height of the scanned floor: red is above the floor plane, blue below, "
         f"colours end at ±{limit}. A flat floor is white all over. Slopes, and steps where the "
@@ -86,43 +84,36 @@ def floor(floorplan: Floorplan | None, both: BeforeAfter, crop: Crop) -> str:
 def walls(
     floorplan: Floorplan | None, result: RefineResult, crop: Crop, as_built: AsBuilt | None
 ) -> str:
-    """Which walls of the plan the fit used, and, where verdicts are given, how each was built."""
+    """How each wall of the plan was built, and pictures of some; nothing without a plan."""
     if floorplan is None:
         return ""
+    head = "<h2>Walls of the plan</h2>"
+    if as_built is None:
+        return (
+            f"{head}<p>The scan has no place on the plan, so that no wall of it can be judged.</p>"
+        )
     n_patches = len(result.structure.walls)
-    if n_patches == 0:
-        judged = "" if as_built is None else as_built_section(as_built, crop)
-        return f"<h2>Walls of the plan</h2><p>No wall patch was seen in this scan.</p>{judged}"
-    faces = seen_faces(floorplan, result.adjustment, as_built)
-    association = result.adjustment.association
-    n_lost = n_patches - association.n_associated
-    keys = (
-        (colors.AGREES, "agrees"),
-        (colors.MOVED, "moved, with its number"),
-        (colors.UNMATCHED, "scanned, but not on the plan"),
-        (colors.NOT_SEEN, "not seen"),
-    )
-    picture = captioned(
-        maps.wall_map(floorplan, result, faces, crop, width_pt(crop)),
-        tables.color_keys(keys),
-        "Walls of the plan by agreement with the scan",
-    )
+    n_lost = n_patches - result.adjustment.association.n_associated
     html = [
-        f"<h2>Walls of the plan</h2><p>{escape(_walls_in_words(faces))} {n_lost} of {n_patches} "
-        "wall patches of the scan found no wall on the plan: furniture, what the plan does not "
-        f"draw, or walls that were moved.</p>{side_by_side([picture], crop)}"
+        f"{head}<p>{n_lost} of {n_patches} wall patches of the scan found no wall on the plan: furniture, "
+        "what the plan does not draw, or walls that were moved.</p>",
+        as_built_section(as_built, crop, rooms_as_built(floorplan, as_built)),
     ]
-    cuts = maps.cut_walls(floorplan, result, faces)
-    if cuts:
+    scanned = wall_views.scanned_walls(result, as_built)
+    if scanned:
+        limit = formatting.length(maps.RANGE_M, ".1f")
+        fronts = "".join(_front(one) for one in wall_views.furthest_off(scanned))
+        cuts = "".join(_cut(one) for one in wall_views.most_changed(scanned))
         html.append(
+            "<h3>Walls from the front</h3><p>Walls that stand elsewhere than drawn, the furthest first; "
+            "where none does, the longest that was seen. Red is before the wall as drawn, towards who "
+            f"looks at it, blue behind it; colours end at ±{limit}.</p>"
+            f'<div class="pair">{fronts}</div>'
             "<h3>Cross-sections of walls</h3><p>The walls that changed most, seen along themselves: each dot "
             "is a scanned point, the dark line the wall as drawn, and distances from it are stretched. "
             "A wall that was scanned twice makes two upright bands before; after, one.</p>"
-            f'<div class="pair">{"".join(_cut(cut) for cut in cuts)}</div>'
+            f'<div class="pair">{cuts}</div>'
         )
-    if as_built is not None:
-        rooms = rooms_as_built(floorplan, as_built)
-        html.append(as_built_section(as_built, crop, faces, rooms))
     return "\n".join(html)
 
 
@@ -165,39 +156,26 @@ def frame_matches(
     return f'<h2>Matches</h2><div class="pair">{"".join(pictures)}</div>'
 
 
-def _cut(section: maps.CrossSection) -> str:
-    face = section.face
-    apart = [
-        formatting.length(float(np.abs(p[:, 0]).mean())) for p in (section.before, section.after)
-    ]
+def _front(wall: wall_views.ScannedWall) -> str:
+    number = f"No.{formatting.SPACE}{wall.number}"
     return captioned(
-        maps.draw_section(section),
-        f"<strong>No.{formatting.SPACE}{face.number}:</strong> {formatting.count(len(section.after))} "
-        f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
-        f"Wall {face.number} cut across, before and after",
+        wall_views.draw_front(wall),
+        f"<strong>{number}:</strong> {escape(in_words(wall.wall, wall.verdict))}",
+        f"Wall {wall.number} from the front, by distance from where it is drawn",
     )
 
 
-def _walls_in_words(faces: Sequence[SeenFace]) -> str:
-    if not faces:
-        return "No wall of the plan was recognised in the scan."
-    agree = sum(face.agrees for face in faces)
-    moved = sorted((f for f in faces if f.is_moved), key=lambda f: -abs(f.offset))
-    few = len(faces) - agree - len(moved)
-    parts = [
-        f"Of {len(faces)} walls of the plan that were seen, {agree} agree with the scan within "
-        f"{in_units(AGREES_WITHIN_M, '.0f', 'cm', formatting.SPACE)}."
+def _cut(wall: wall_views.ScannedWall) -> str:
+    apart = [
+        formatting.length(float(np.abs(points[:, 1]).mean()))
+        for points in (wall.before, wall.after)
     ]
-    if moved:
-        told = ", ".join(f"No.{formatting.SPACE}{f.number} ({f.verdict})" for f in moved[:3])
-        more = " and others" if len(moved) > 3 else ""
-        parts.append(f"{len(moved)} {plural(len(moved), 'lies', 'lie')} elsewhere: {told}{more}.")
-    if few:
-        parts.append(
-            f"{few} {plural(few, 'seems', 'seem')} to lie elsewhere, but with fewer than "
-            f"{FEW_PATCHES} patches that may be an accident."
-        )
-    return " ".join(parts)
+    return captioned(
+        wall_views.draw_section(wall),
+        f"<strong>No.{formatting.SPACE}{wall.number}:</strong> {formatting.count(len(wall.after))} "
+        f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
+        f"Wall {wall.number} cut across, before and after",
+    )
 
 
 def _share_beyond(side: Measures, end_m: float) -> float:

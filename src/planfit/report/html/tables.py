@@ -298,8 +298,9 @@ def captioned(picture: Drawing, caption_html: str, alt: str, side: _Side = "afte
     if picture.clicks is not None:
         clicks = json.dumps(asdict(picture.clicks) | {"side": side})
         attributes += f' data-clicks="{escape(clicks)}"'
-    style = "plot wide" if picture.width_pt > PANEL_PT else "plot"
+    # On a phone wide ones are scrolled, by the keyboard too.
+    style = 'class="plot wide" tabindex="0"' if picture.width_pt > PANEL_PT else 'class="plot"'
     return (
         f"<figure><figcaption>{caption_html}</figcaption>"
-        f'<div class="{style}">{to_svg(picture, attributes)}</div></figure>'
+        f"<div {style}>{to_svg(picture, attributes)}</div></figure>"
     )

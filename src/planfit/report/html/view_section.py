@@ -2,8 +2,8 @@
 
 from importlib import resources
 
+from planfit.report.html.as_built_section import COLORS
 from planfit.report.html.tables import color_keys
-from planfit.report.plots import colors
 from planfit.report.scene.scene import Scene, encode_levels, scene_json
 
 SCRIPTS = (
@@ -18,15 +18,6 @@ SCRIPTS = (
     "main.js",
 )
 """In the order in which they build on each other."""
-
-_WALL_COLORS = (
-    (colors.AGREES, "agrees"),
-    (colors.MOVED, "moved"),
-    (colors.BEFORE, "missing"),
-    (colors.UNMATCHED, "new, or too little seen"),
-    (colors.NOT_SEEN, "not seen"),
-)
-"""Those of the map of walls; `STATUS_COLORS` of renderer.js."""
 
 
 def view_section(scene: Scene) -> str:
@@ -44,7 +35,7 @@ def view_section(scene: Scene) -> str:
         walls_box = (
             '<label><input class="view-walls" type="checkbox" checked> walls of the plan</label>'
         )
-        key = color_keys(_WALL_COLORS)
+        key = color_keys((color, verdict.value) for verdict, color in COLORS.items())
         wall_words = ", or a wall to see its points and how far it is from where it is drawn"
     options = "".join(f'<option value="{value}">{words}</option>' for value, words in colorings)
     sides = "".join(

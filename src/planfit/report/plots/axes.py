@@ -218,7 +218,7 @@ class Axes:
             self.drawing.items += [mark, Words(words, (left + 16, y), colors.INK, is_fitted=True)]
             left += entry_pt(words)
 
-    def clicks(self, kind: Literal["frames", "plan", "walls"]) -> Clicks:
+    def clicks(self, kind: Literal["frames", "plan"]) -> Clicks:
         """Where the axes lie in their picture, and what they measure; for pressing it."""
         box, width, height = self.box, self.drawing.width_pt, self.drawing.height_pt
         shares = box.left / width, box.top / height, box.right / width, box.bottom / height

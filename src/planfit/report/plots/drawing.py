@@ -30,11 +30,11 @@ _UNITS = 10
 
 @dataclass(frozen=True)
 class Clicks:
-    """What is where in a picture, so that pressing it can choose a frame or a wall."""
+    """What is where in a picture, so that pressing it can choose a frame."""
 
-    kind: Literal["frames", "plan", "walls"]
-    """frames: x is the number of a frame; plan, walls: x and y are in the plan frame, m, and what is
-    pressed is the nearest frame, or wall."""
+    kind: Literal["frames", "plan"]
+    """frames: x is the number of a frame; plan: x and y are in the plan frame, m, and what is pressed is the
+    nearest frame."""
     box: tuple[float, float, float, float]
     """The axes as shares of the picture from its upper left: left, top, right, bottom."""
     x: tuple[float, float]

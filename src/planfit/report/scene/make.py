@@ -1,14 +1,13 @@
 """From a result and a sample of its points to the scene of the 3D view, its walls with their verdicts."""
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.adjust.uncertainty import radius_95
-from planfit.as_built import AsBuilt, Verdict, in_words
+from planfit.as_built import AsBuilt, AsBuiltWall, Verdict, in_words
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
@@ -17,7 +16,6 @@ from planfit.priors import WALL_HEIGHT_M
 from planfit.report import formatting
 from planfit.report.plots.top_view import find_gaps
 from planfit.report.scene.scene import FAR_M, Scene, SceneFrame, ScenePoints, SceneWall
-from planfit.report.walls import SeenFace, seen_faces
 from planfit.scan import Scan
 from planfit.segmentation import NO_STOREY
 
@@ -57,7 +55,7 @@ def make_scene(
         colors: RGB of each.
         start: (n + 1,), points of frame i are start[i]:start[i + 1].
         pictures: JPEGs of some frames, by frame.
-        as_built: verdicts on the walls of the plan, where there are any.
+        as_built: verdicts on the walls of the plan; without, no wall is shown.
     """
     sides = (result.initial_plan_from_cams, result.plan_from_cams)
     placed = [_placed(points_cam, start, poses) for poses in sides]
@@ -78,7 +76,9 @@ def make_scene(
         points=ScenePoints(points_cam, colors, start, distances),
         frames=_frames(scan, result, is_placed),
         keyframe_idx=_drawn_cameras(result),
-        walls=() if plan is None else scene_walls(plan, result, bounds, as_built),
+        walls=()
+        if plan is None or as_built is None
+        else scene_walls(plan, result, bounds, as_built),
         pictures=pictures,
     )
 
@@ -185,7 +185,7 @@ def scene_walls(
     floorplan: Floorplan,
     result: RefineResult,
     bounds: Float[np.ndarray, "2 3"],
-    as_built: AsBuilt | None = None,
+    as_built: AsBuilt,
 ) -> tuple[SceneWall, ...]:
     """Faces of the plan near the scan and those that it tells of, and walls that the plan lacks.
 
@@ -193,40 +193,21 @@ def scene_walls(
         floorplan: plan frame, m.
         result: of `planfit.refine` with that plan.
         bounds: lower and upper corner of the scan, plan frame, m.
-        as_built: verdicts on the faces; without, they have the colours of the fit.
+        as_built: verdicts on the faces; those too short for one are shown as not seen.
     """
-    seen = {face.face_idx: face for face in seen_faces(floorplan, result.adjustment, as_built)}
+    judged = {w.face_idx: (n, w) for n, w in enumerate(as_built.walls, 1) if w.face_idx >= 0}
     low, high = bounds[0, :2] - _MARGIN_M, bounds[1, :2] + _MARGIN_M
     near = np.all(
         (floorplan.ends.max(axis=1) >= low) & (floorplan.ends.min(axis=1) <= high), axis=1
     )
     # What was seen through a window is further away than nearly all points, and in the table all the same.
-    near[list(seen)] = True
-    if as_built is not None:
-        told = [w for w in as_built.walls if as_built.verdict(w) is not Verdict.NOT_SEEN]
-        near[[wall.face_idx for wall in told if wall.face_idx >= 0]] = True
-    shown = np.flatnonzero(near & (floorplan.lengths >= _LEAST_LENGTH_M))
-    walls = (_wall(floorplan, result, int(face), seen.get(int(face))) for face in shown)
-    if as_built is None:
-        return tuple(walls)
+    told = [f for f, (_, w) in judged.items() if as_built.verdict(w) is not Verdict.NOT_SEEN]
+    near[told] = True
+    shown = np.flatnonzero(near & (floorplan.lengths >= _LEAST_LENGTH_M)).tolist()
+    of_plan = [_wall(floorplan, result, face, judged.get(face), as_built) for face in shown]
     # Of several storeys nothing tells the floor that a new wall stands on.
     new = _new_walls(as_built) if floorplan.storeys is None else ()
-    return (*_with_verdicts(walls, as_built), *new)
-
-
-def _with_verdicts(walls: Iterable[SceneWall], as_built: AsBuilt) -> Iterator[SceneWall]:
-    """The same, coloured by verdict and saying it; faces that are not judged as they are."""
-    judged = {wall.face_idx: (number, wall) for number, wall in enumerate(as_built.walls, 1)}
-    for wall in walls:
-        if wall.face_idx not in judged:
-            yield wall
-            continue
-        number, found = judged[wall.face_idx]
-        verdict = as_built.verdict(found)
-        seen = ", not seen" if verdict is Verdict.NOT_SEEN else ""
-        rows = (("As built", in_words(found, verdict)), *wall.rows)
-        title = f"Wall No. {number} of the plan{seen}"
-        yield replace(wall, status=_STATUS[verdict], title=title, rows=rows)
+    return (*of_plan, *new)
 
 
 def _new_walls(as_built: AsBuilt) -> Iterator[SceneWall]:
@@ -245,22 +226,23 @@ def _new_walls(as_built: AsBuilt) -> Iterator[SceneWall]:
 
 
 def _wall(
-    floorplan: Floorplan, result: RefineResult, face: int, seen: SeenFace | None
+    floorplan: Floorplan,
+    result: RefineResult,
+    face: int,
+    judged: tuple[int, AsBuiltWall] | None,
+    as_built: AsBuilt,
 ) -> SceneWall:
+    """A face of the plan with its number in the table and its verdict, where it has one."""
     floor_m = _floor_m(floorplan, result, face)
     length = ("Length", formatting.length(float(floorplan.lengths[face])))
-    status, title = "unseen", "A wall of the plan, not seen"
+    status, title = "unseen", "A short wall of the plan, not judged"
     rows: tuple[tuple[str, str], ...] = (length,)
-    if seen is not None:
-        status = "agrees" if seen.agrees else "moved" if seen.is_moved else "few"
-        title = f"Wall No. {seen.number} of the plan"
-        rows = (
-            ("Verdict", seen.verdict),
-            ("Offset", formatting.centimetres(seen.offset, signed=True)),
-            ("MAD", formatting.centimetres(seen.mad)),
-            ("Patches", str(seen.n_patches)),
-            length,
-        )
+    if judged is not None:
+        number, wall = judged
+        verdict = as_built.verdict(wall)
+        seen = ", not seen" if verdict is Verdict.NOT_SEEN else ""
+        status, title = _STATUS[verdict], f"Wall No. {number} of the plan{seen}"
+        rows = (("As built", in_words(wall, verdict)), ("Patches", str(wall.n_patches)), length)
     return SceneWall(
         face_idx=face,
         ends=floorplan.ends[face],

@@ -91,7 +91,7 @@ class SceneWall:
     heights: tuple[float, float]
     """Of its lower and upper edge, m."""
     status: str
-    """agrees, moved, missing, few (too few patches to tell), new (the plan lacks it), unseen."""
+    """agrees, moved, missing, new (the plan lacks it), unseen."""
     title: str
     """In words."""
     rows: tuple[tuple[str, str], ...]

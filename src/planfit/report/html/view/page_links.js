@@ -20,7 +20,7 @@ function linkPictures(scene, choose) {
     const { kind, box, x, y, side } = JSON.parse(picture.dataset.clicks);
     picture.classList.add("view-pressable");
     const title = document.createElementNS(picture.namespaceURI, "title");
-    title.textContent = kind === "walls" ? "press a wall to see its points" : "press to see the frame";
+    title.textContent = "press to see the frame";
     picture.prepend(title);
     picture.addEventListener("click", (event) => {
       const rim = picture.getBoundingClientRect();
@@ -30,8 +30,6 @@ function linkPictures(scene, choose) {
       const along = x[0] + u * (x[1] - x[0]);
       if (kind === "frames") return choose.frame(Math.max(0, Math.min(scene.frames.length - 1, Math.round(along))));
       const [px, py] = [along - scene.origin[0], y[1] + v * (y[0] - y[1]) - scene.origin[1]];
-      const wall = kind === "walls" ? nearestWall(scene, px, py, 0.04 * (x[1] - x[0])) : null;
-      if (wall !== null) return choose.wall(wall);
       const frame = nearestFrame(scene, px, py, side === "after" ? 1 : 0);
       if (frame !== null) choose.frame(frame);
     });

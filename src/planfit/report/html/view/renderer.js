@@ -1,6 +1,6 @@
 // Draws the scene with WebGL 2. Nothing here knows of the page.
 const STATUS_COLORS = {
-  agrees: [0.0, 0.62, 0.45], moved: [0.67, 0.2, 0.47], few: [0.9, 0.62, 0.0],
+  agrees: [0.0, 0.62, 0.45], moved: [0.67, 0.2, 0.47],
   new: [0.9, 0.62, 0.0], missing: [0.84, 0.37, 0.0], unseen: [0.55, 0.6, 0.65],
 };
 const PATH_COLOR = [0.48, 0.25, 0.63];
