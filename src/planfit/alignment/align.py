@@ -31,9 +31,9 @@ from planfit.alignment.selection import (
     SegmentAgreement,
     Selection,
     apart,
-    best_elsewhere,
     is_same,
     keep_distinct,
+    mirrored_from,
     outweighs,
     select_hypothesis,
     with_segments,
@@ -54,8 +54,6 @@ RUN_TOGETHER = SameWithin(translation_m=0.3, yaw_deg=1.0, scale=0.005)
 FULL_DISTANCES_M = (1.0, 0.7, 0.5, 0.5, 0.5)
 """Distances of the last refinement. Narrower ones keep to the part of a deformed scan that fits best, wider
 ones take in walls that the plan has elsewhere (0.35 and 1.0 m were tried: more of the battery is off)."""
-CLEAR_SCORE, CLEAR_MARGIN = 0.55, 0.25
-"""From these on, an alignment is clear: the mirrored scan cannot be clearly better, and is not tried."""
 
 
 @dataclass(frozen=True)
@@ -242,7 +240,7 @@ def align_within(
     starts = [claimed] if claimed else []
     hypotheses = _refined(walls, floorplan, scales, yaws, regions, starts, options)
     mirrored = None
-    if not _is_clear(hypotheses, walls) and not regions:
+    if mirrored_from(hypotheses[0].score) < 1.0 and not regions:
         flipped = walls.mirrored()
         flipped_yaws = candidate_yaws(flipped, floorplan)
         mirrored = _refined(flipped, floorplan, scales, flipped_yaws, (), [], options)[0]
@@ -374,14 +372,6 @@ def _n_scales(floorplan: Floorplan, scales: tuple[float, float], options: AlignO
     if options.two_scales and not floorplan.is_metric:
         return 2
     return int(scales[0] < scales[1])
-
-
-def _is_clear(hypotheses: Sequence[AlignmentHypothesis], walls: WallSamples) -> bool:
-    """Whether the best hypothesis stands alone."""
-    best = hypotheses[0]
-    rival = best_elsewhere(hypotheses, best, walls, SameWithin.distinct())
-    margin = best.score - (rival.score if rival else 0.0)
-    return best.score >= CLEAR_SCORE and margin >= CLEAR_MARGIN
 
 
 def _is_allowed(

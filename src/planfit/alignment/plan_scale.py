@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment.align import (
-    CLEAR_SCORE,
     FULL_DISTANCES_M,
     FULL_SAMPLES,
     Alignment,
@@ -43,6 +42,8 @@ LOOK_SHARE = 0.004
 FAR_SHARE = 0.02
 """A scale further off must explain more wall by `MIN_MARGIN`: at a nearer one, the walls of a
 small scan lie nearly as well on the plan as drawn."""
+CLEAR_SCORE = 0.55
+"""Share of wall that an alignment explains from which on it may be clear."""
 CLEAR_GAIN = 0.1
 """What another scale must explain beyond the plan as drawn where neither place is sure."""
 SAME_SCORE = 0.03

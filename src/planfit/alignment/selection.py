@@ -156,6 +156,12 @@ def best_elsewhere(
     return next((other for other, is_it in zip(hypotheses, same, strict=True) if not is_it), None)
 
 
+def mirrored_from(as_drawn: float) -> float:
+    """What the scan with left and right swapped must explain, so that the plan is mirrored, by what the plan
+    explains as drawn at most."""
+    return as_drawn + max(MIN_MARGIN, 0.25 * (1.0 - as_drawn))
+
+
 def select_hypothesis(
     walls: WallSamples,
     hypotheses: Sequence[AlignmentHypothesis],
@@ -183,9 +189,7 @@ def select_hypothesis(
     runner_up = best_elsewhere(hypotheses, taken, walls, within)
     # The best as drawn, whichever the user takes: a worse one is no sign of a mirror.
     as_drawn = max(each.score for each in hypotheses)
-    is_mirrored = mirrored is not None and mirrored.score > as_drawn + max(
-        MIN_MARGIN, 0.25 * (1.0 - as_drawn)
-    )
+    is_mirrored = mirrored is not None and mirrored.score > mirrored_from(as_drawn)
     is_weak = taken.score < MIN_SCORE
     margin = taken.score - (runner_up.score if runner_up else 0.0)
     is_close = runner_up is not None and margin < MIN_MARGIN
