@@ -98,6 +98,44 @@ def test_what_is_transparent_is_not_read(tmp_path):
     assert len(read_floorplan(path)) == 8
 
 
+SLAB, FLOOR = (
+    filled(shapely.box(100, 100, 700, 500)),
+    filled(shapely.box(110, 110, 690, 490), "1 1 1"),
+)
+
+
+def form(stream):
+    return (
+        "<< /Type /XObject /Subtype /Form /BBox [0 0 1200 900] "
+        f"/Length {len(stream)} >>\nstream\n{stream}\nendstream"
+    )
+
+
+@pytest.mark.parametrize("floor", [FLOOR, "/Fm Do"])
+def test_a_floor_on_a_dark_slab_leaves_its_rim_as_walls(tmp_path, floor):
+    """Areas hide what was drawn before them, and forms are drawn where they are called."""
+    path = write_pdf_stream(
+        tmp_path / "a.pdf", f"{SLAB} {floor} {filled(UPPER)}",
+        extra_objects=(form(FLOOR),), resources="/XObject << /Fm 6 0 R >>",
+    )  # fmt: skip
+    walls = write_pdf_stream(tmp_path / "b.pdf", f"{filled(ROOM)} {filled(UPPER)}")
+    slab, drawn = read_floorplan(path), read_floorplan(walls)
+    assert length(slab) == pytest.approx(length(drawn), abs=0.01)
+    assert length(slab) == pytest.approx(2 * (600 + 400 + 580 + 380 + 380) - 40 + 20, abs=0.1)
+
+
+@pytest.mark.parametrize("order", ["before", "translucent"])
+def test_an_area_hides_neither_what_comes_later_nor_what_shines_through(tmp_path, order):
+    pale = "<< /Type /ExtGState /ca 0.5 /CA 0.5 >>"
+    walls = f"0 0 0 rg {filled(ROOM)} {filled(UPPER)}"
+    stream = f"{FLOOR} {walls}" if order == "before" else f"{walls} /G gs {FLOOR}"
+    path = write_pdf_stream(
+        tmp_path / "a.pdf", stream, extra_objects=(pale,), resources="/ExtGState << /G 6 0 R >>"
+    )
+    walls = write_pdf_stream(tmp_path / "b.pdf", walls)
+    assert length(read_floorplan(path)) == pytest.approx(length(read_floorplan(walls)), abs=0.01)
+
+
 def test_layers_that_cannot_be_told_are_read_and_said(tmp_path):
     path = two_layers(tmp_path, "/OFF 17")
     plan = read_floorplan(path)

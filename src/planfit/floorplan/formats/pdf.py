@@ -3,6 +3,7 @@
 import ctypes
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from planfit.floorplan.formats.dxf_contents import MAX_ENTITIES
 from planfit.floorplan.formats.pdf_paths import Clips, hidden_layers, layer_of, matrix_of, sub_paths
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.drawing import DrawingBuilder, Text, VectorDrawing
+from planfit.floorplan.vector.drawing import LIGHT, DrawingBuilder, Text, VectorDrawing
 from planfit.floorplan.vector.plan import plan_of_drawing
 from planfit.floorplan.vector.strokes import Pen
 from planfit.units import INCH_M
@@ -251,39 +252,48 @@ def _drawing(
     picture_dpi, page_share = 0.0, 0.0
     page_area = shapely.box(0.0, 0.0, *page.get_size())
     clips = Clips()
-    of_page = (raw.FPDFPage_CountObjects, raw.FPDFPage_GetObject)
-    of_form = (raw.FPDFFormObj_CountObjects, raw.FPDFFormObj_GetObject)
-    stack: list[Any] = [(page.raw, of_page, shown_from_page, 0, "")]
-    n_objects = 0
-    while stack:
-        owner, (count_of, object_of), transform, depth, outer = stack.pop()
-        count = count_of(owner)
-        n_objects += count
+    for n_objects, (item, transform, layer) in enumerate(_objects(page, shown_from_page), 1):
         if n_objects > MAX_OBJECTS:
             raise FloorplanError(
                 f"{path}: expected a page of at most {MAX_OBJECTS:,} objects, found more once its forms are "
                 "drawn out; print the floor alone to a new PDF"
             )
-        for i in range(count):
-            item = object_of(owner, i)
-            kind = raw.FPDFPageObj_GetType(item)
+        kind = raw.FPDFPageObj_GetType(item)
+        if layer in hidden:
+            seen_hidden.add(layer)
+        elif kind == raw.FPDF_PAGEOBJ_PATH:
+            builder.clip = clips.of(item, transform)
+            _add_path(builder, item, transform @ matrix_of(item), layer)
+        elif kind == raw.FPDF_PAGEOBJ_IMAGE:
             shown_from_item = transform @ matrix_of(item)
-            layer = layer_of(item) or outer
-            if layer in hidden:
-                seen_hidden.add(layer)
-            elif kind == raw.FPDF_PAGEOBJ_PATH:
-                builder.clip = clips.of(item, transform)
-                _add_path(builder, item, shown_from_item, layer)
-            elif kind == raw.FPDF_PAGEOBJ_IMAGE:
-                picture_dpi = max(picture_dpi, _image_dpi(item, shown_from_item))
-                corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) @ shown_from_item.T
-                shown = shapely.intersection(shapely.Polygon(corners[:, :2]), page_area)
-                page_share = max(page_share, shown.area / page_area.area)
-            elif kind == raw.FPDF_PAGEOBJ_FORM and depth < MAX_DEPTH:
-                stack.append((item, of_form, shown_from_item, depth + 1, layer))
+            picture_dpi = max(picture_dpi, _image_dpi(item, shown_from_item))
+            corners = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]]) @ shown_from_item.T
+            shown = shapely.intersection(shapely.Polygon(corners[:, :2]), page_area)
+            page_share = max(page_share, shown.area / page_area.area)
     _add_texts(builder, page, shown_from_page)
     drawing = builder.build(unit="paper", hidden_layers=tuple(sorted(seen_hidden)))
     return drawing, _Pictures(picture_dpi, page_share)
+
+
+def _objects(
+    page: pdfium.PdfPage, shown_from_page: Float[np.ndarray, "3 3"]
+) -> Iterator[tuple[Any, Float[np.ndarray, "3 3"], str]]:
+    """Objects of a page and of the forms on it, in the order in which they are drawn, each with where what
+    holds it is shown and its layer."""
+    of_page = (raw.FPDFPage_CountObjects, raw.FPDFPage_GetObject)
+    of_form = (raw.FPDFFormObj_CountObjects, raw.FPDFFormObj_GetObject)
+    stack: list[Any] = [(page.raw, of_page, 0, shown_from_page, "")]
+    while stack:
+        owner, (count_of, object_of), first, transform, outer = stack.pop()
+        for i in range(first, count_of(owner)):
+            item = object_of(owner, i)
+            layer = layer_of(item) or outer
+            yield item, transform, layer
+            is_form = raw.FPDFPageObj_GetType(item) == raw.FPDF_PAGEOBJ_FORM
+            if is_form and len(stack) < MAX_DEPTH:
+                stack.append((owner, (count_of, object_of), i + 1, transform, outer))
+                stack.append((item, of_form, 0, transform @ matrix_of(item), layer))
+                break
 
 
 def _image_dpi(item, shown_from_item: Float[np.ndarray, "3 3"]) -> float:
@@ -329,7 +339,11 @@ def _add_path(
         for points, is_curved in parts:
             builder.add_polyline(points, is_curved, layer, style, Pen(shown, stroke, is_dashed))
     if fill is not None:
-        builder.add_fill([points for points, _ in parts], layer, fill)
+        rings = [points for points, _ in parts]
+        is_opaque = not raw.FPDFPageObj_HasTransparency(item)
+        if is_opaque and stroke is None and min(fill) >= LIGHT:
+            builder.add_cover(rings, min(fill))
+        builder.add_fill(rings, layer, fill, is_opaque)
 
 
 def _colour(item, getter) -> tuple[int, int, int] | None:

@@ -25,6 +25,8 @@ DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""
 LIGHT = 200
 """Of 255, of every colour: paper and floors are lighter."""
+PAPER = 235
+"""Of 255, of every colour: paper, tinted."""
 SAME = 3e-5
 """Of the drawing's size: what is drawn so near is the same up to rounding."""
 EDGE = 1e-3
@@ -107,6 +109,7 @@ class DrawingBuilder:
         self.fills: list[Fill] = []
         self.texts: list[Text] = []
         self._covers: list[tuple[int, BaseGeometry]] = []
+        self._papers: list[tuple[int, BaseGeometry]] = []
         self._crossings = SelfCrossings()
 
     def layer(self, name: str) -> int:
@@ -147,15 +150,15 @@ class DrawingBuilder:
         if area.area > 0:
             self.fills.append(Fill(area, self.layer(layer), colour, is_opaque))
 
-    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]], is_paper: bool = False) -> None:
+    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]], lightness: int = 0) -> None:
         """An opaque area: of the lines that were added before, nothing shows in it; of dark fills neither,
-        where it is as pale as paper. Doors are drawn so, as patches of the floor's colour over the wall, and
-        rooms over a dark slab."""
+        where the darkest of its colours is as light as paper. Doors are drawn so, as patches of the floor's
+        colour over the wall, and rooms over a dark slab."""
         area = self._area(rings)
         if area.area > 0:
             self._covers.append((len(self._ends), area))
-        if area.area > 0 and is_paper:
-            self.fills = [_without(fill, area) for fill in self.fills]
+            if lightness >= PAPER:
+                self._papers.append((len(self.fills), area))
 
     def _area(self, rings: list[Float[np.ndarray, "_ 2"]]) -> BaseGeometry:
         """What shows of the area inside an odd number of rings."""
@@ -181,7 +184,7 @@ class DrawingBuilder:
         lines, areas = _without_stroke_fills(lines, self._pens)
         lines, bodies = _without_bodies(lines, self._pens)
         return VectorDrawing(
-            lines, (*self.fills, *areas, *bodies),
+            lines, (*_under_papers(self.fills, self._papers), *areas, *bodies),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
 
@@ -247,11 +250,28 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
     return lines.take(~is_body), fills
 
 
-def _without(fill: Fill, area: BaseGeometry) -> Fill:
-    """What shows of a fill under an area as pale as paper: all of a floor, on which that is furniture."""
-    if fill.colour is None or max(fill.colour) >= DARK or not fill.polygon.intersects(area):
-        return fill
-    return replace(fill, polygon=shapely.difference(fill.polygon, area))
+def _under_papers(fills: list[Fill], papers: list[tuple[int, BaseGeometry]]) -> list[Fill]:
+    """What shows of fills under areas as pale as paper that were drawn later: all of a floor, on which these
+    are furniture.
+
+    Args:
+        fills: in the order in which they were drawn.
+        papers: for each area, the number of fills that were drawn before it.
+    """
+    is_dark_fill = [fill.colour is not None and max(fill.colour) < DARK for fill in fills]
+    dark = np.flatnonzero(is_dark_fill)
+    areas = np.array([area for _, area in papers], dtype=object)
+    before = np.array([n for n, _ in papers], dtype=int)
+    polygons = np.array([fills[k].polygon for k in dark], dtype=object)
+    under, over = shapely.STRtree(areas).query(polygons, predicate="intersects")
+    is_later = dark[under] < before[over]
+    under, over = under[is_later], over[is_later]
+    shown = list(fills)
+    for k in np.unique(under):
+        hidden = shapely.union_all(areas[over[under == k]])
+        fill = fills[dark[k]]
+        shown[dark[k]] = replace(fill, polygon=shapely.difference(fill.polygon, hidden))
+    return shown
 
 
 def _clipped(lines: Lines, clips: list[BaseGeometry | None]) -> Lines:

@@ -34,8 +34,8 @@ _PART = r"[^()]{0,80}"  # bounded: of a name that is never closed, all ends woul
 _VARIABLE = re.compile(rf"var\(\s*(--[^\s,()]+)\s*(?:,\s*({_PART}(?:\({_PART}\))?{_PART}))?\)")
 _MAX_STEPS = 8
 """A gradient may take its colours from another one, and a variable its value, so deep."""
-PAPER, WHITE = 235, 245
-"""Of 255, of every colour: paper, tinted and white."""
+WHITE = 245
+"""Of 255, of every colour: paper that is not tinted."""
 DARK_GROUND, GROUND_SHARE, ROOMS_SHARE = 110, 0.9, 0.5
 """Every colour of dark ground is below the first, of 255; it reaches over this share of all that is drawn,
 and less than the last of it is light areas: of a slab with rooms on it the rest is walls."""

@@ -30,7 +30,6 @@ from svgelements import Text as SvgText
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.svg.css_values import (
-    PAPER,
     covers,
     dark_ground,
     is_dashed,
@@ -327,7 +326,7 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         return  # an arc with a radius that is no number
     rings = [points for points, _ in parts]
     if covers(shape):
-        builder.add_cover(rings, lightness(shape.fill) >= PAPER)
+        builder.add_cover(rings, lightness(shape.fill))
     if hides_white and is_drawn(shape.stroke) and is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
