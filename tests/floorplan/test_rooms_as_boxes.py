@@ -233,3 +233,30 @@ def test_lines_beside_walls_drawn_as_single_lines_are_not_their_other_face(
     recall, precision = shares(svg(tmp_path / "plan.svg", *drawn), sides(*rooms))
     assert recall > 0.98
     assert precision > 0.98
+
+
+@pytest.mark.parametrize("floor", ["#ffffff", "#e8dcc4", "#dcdcdc", "#c69c6d", "#b8d4e8"])
+@pytest.mark.parametrize("slab", ["#000000", "#5b4636"])
+def test_rooms_of_any_colour_on_a_slab_in_the_colour_of_walls_leave_the_walls(
+    tmp_path: Path, slab: str, floor: str
+) -> None:
+    """As home planners export them: a dark piece, its floors on it, doors over walls."""
+    rooms = ((80, 80, 300, 500), (400, 80, 400, 240), (400, 340, 400, 240))
+    floors = [box(room, f'fill="{floor}"') for room in rooms]
+    door, sofa = (380, 150, 20, 80), (120, 400, 80, 150)
+    plan = svg(
+        tmp_path / "a.svg",
+        box((60, 60, 760, 540), f'fill="{slab}"'),
+        *floors,
+        box(door, f'fill="{floor}"'),
+        box(sofa, 'fill="#7a8ea0" stroke="#333"'),
+    )
+    walls = shapely.box(60, 60, 820, 600).difference(
+        shapely.union_all([shapely.box(x, y, x + w, y + h) for x, y, w, h in (*rooms, door)])
+    )
+    edges = shapely.union_all(shapely.linestrings(plan.ends * [1, -1]))
+    near = shapely.buffer(edges, 1.0)
+    outline = shapely.boundary(walls)
+    assert shapely.length(shapely.intersection(outline, near)) > 0.99 * shapely.length(outline)
+    near = shapely.buffer(outline, 1.0)
+    assert shapely.length(shapely.intersection(edges, near)) > 0.97 * shapely.length(edges)

@@ -342,7 +342,7 @@ def _add_path(
         rings = [points for points, _ in parts]
         is_opaque = not raw.FPDFPageObj_HasTransparency(item)
         if is_opaque and stroke is None and min(fill) >= LIGHT:
-            builder.add_cover(rings, min(fill))
+            builder.add_cover(rings)
         builder.add_fill(rings, layer, fill, is_opaque)
 
 

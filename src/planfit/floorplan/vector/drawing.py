@@ -25,8 +25,6 @@ DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""
 LIGHT = 200
 """Of 255, of every colour: paper and floors are lighter."""
-PAPER = 235
-"""Of 255, of every colour: paper, tinted."""
 SAME = 3e-5
 """Of the drawing's size: what is drawn so near is the same up to rounding."""
 EDGE = 1e-3
@@ -109,7 +107,6 @@ class DrawingBuilder:
         self.fills: list[Fill] = []
         self.texts: list[Text] = []
         self._covers: list[tuple[int, BaseGeometry]] = []
-        self._papers: list[tuple[int, BaseGeometry]] = []
         self._crossings = SelfCrossings()
 
     def layer(self, name: str) -> int:
@@ -150,15 +147,12 @@ class DrawingBuilder:
         if area.area > 0:
             self.fills.append(Fill(area, self.layer(layer), colour, is_opaque))
 
-    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]], lightness: int = 0) -> None:
-        """An opaque area: of the lines that were added before, nothing shows in it; of dark fills neither,
-        where the darkest of its colours is as light as paper. Doors are drawn so, as patches of the floor's
-        colour over the wall, and rooms over a dark slab."""
+    def add_cover(self, rings: list[Float[np.ndarray, "_ 2"]]) -> None:
+        """An opaque area: of the lines that were added before, nothing shows in it. Doors are drawn so, as
+        patches of the floor's colour over the wall."""
         area = self._area(rings)
         if area.area > 0:
             self._covers.append((len(self._ends), area))
-            if lightness >= PAPER:
-                self._papers.append((len(self.fills), area))
 
     def _area(self, rings: list[Float[np.ndarray, "_ 2"]]) -> BaseGeometry:
         """What shows of the area inside an odd number of rings."""
@@ -184,7 +178,7 @@ class DrawingBuilder:
         lines, areas = _without_stroke_fills(lines, self._pens)
         lines, bodies = _without_bodies(lines, self._pens)
         return VectorDrawing(
-            lines, (*_under_papers(self.fills, self._papers), *areas, *bodies),
+            lines, (*_under_floors(self.fills), *areas, *bodies),
             tuple(self.texts), tuple(self._layers), metres_per_unit, unit, hidden_layers,
         )  # fmt: skip
 
@@ -250,27 +244,21 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
     return lines.take(~is_body), fills
 
 
-def _under_papers(fills: list[Fill], papers: list[tuple[int, BaseGeometry]]) -> list[Fill]:
-    """What shows of fills under areas as pale as paper that were drawn later: all of a floor, on which these
-    are furniture.
-
-    Args:
-        fills: in the order in which they were drawn.
-        papers: for each area, the number of fills that were drawn before it.
-    """
-    is_dark_fill = [fill.colour is not None and max(fill.colour) < DARK for fill in fills]
-    dark = np.flatnonzero(is_dark_fill)
-    areas = np.array([area for _, area in papers], dtype=object)
-    before = np.array([n for n, _ in papers], dtype=int)
-    polygons = np.array([fills[k].polygon for k in dark], dtype=object)
-    under, over = shapely.STRtree(areas).query(polygons, predicate="intersects")
-    is_later = dark[under] < before[over]
-    under, over = under[is_later], over[is_later]
+def _under_floors(fills: list[Fill]) -> list[Fill]:
+    """Fills, of dark ones without what opaque ones that are not dark later hide of them: rooms on a slab,
+    doors and windows over walls. Of a floor the whole is left, on which what hides it is furniture."""
+    is_wall = np.array([fill.colour is not None and max(fill.colour) < DARK for fill in fills], bool)
+    hides = np.array([fill.is_opaque and max(fill.colour or (0,)) >= DARK for fill in fills], bool)
+    polygons = np.array([fill.polygon for fill in fills], dtype=object)
+    walls, floors = np.flatnonzero(is_wall), np.flatnonzero(hides)
+    tree = shapely.STRtree(polygons[floors])
+    under, over = tree.query(polygons[walls], predicate="intersects")
+    under, over = walls[under], floors[over]
+    under, over = under[under < over], over[under < over]
     shown = list(fills)
-    for k in np.unique(under):
-        hidden = shapely.union_all(areas[over[under == k]])
-        fill = fills[dark[k]]
-        shown[dark[k]] = replace(fill, polygon=shapely.difference(fill.polygon, hidden))
+    for k in np.unique(under).tolist():
+        hidden = shapely.union_all(polygons[over[under == k]])
+        shown[k] = replace(fills[k], polygon=shapely.difference(polygons[k], hidden))
     return shown
 
 

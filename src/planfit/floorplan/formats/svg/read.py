@@ -36,7 +36,6 @@ from planfit.floorplan.formats.svg.css_values import (
     is_drawn,
     is_opaque,
     is_white,
-    lightness,
     negative,
     rgb_of,
 )
@@ -326,7 +325,7 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         return  # an arc with a radius that is no number
     rings = [points for points, _ in parts]
     if covers(shape):
-        builder.add_cover(rings, lightness(shape.fill))
+        builder.add_cover(rings)
     if hides_white and is_drawn(shape.stroke) and is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
         width = float(shape.stroke_width or 1.0)
