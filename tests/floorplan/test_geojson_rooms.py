@@ -112,3 +112,35 @@ def test_chosen_kinds_are_rooms_where_they_are_wide_and_walls_where_they_are_thi
     np.testing.assert_allclose(np.nanmin(wall.thickness), 0.3, rtol=0.02)
     with pytest.raises(FloorplanError, match="Lager"):
         read_floorplan(path, PlanOptions(layers=("none",)))
+
+
+@pytest.mark.parametrize(
+    ("shaft", "levels"), [("0;1", "0 1"), ("-1-1", "-1 0 1"), ("0; 2", "0 1 2"), ("a-b", "0 1 a-b")]
+)
+def test_levels_of_openstreetmap_are_lists_and_ranges(
+    tmp_path: Path, shaft: str, levels: str
+) -> None:
+    rooms = [(room, {"indoor": "room", "level": "0"}) for room in LOW]
+    rooms += [(room, {"indoor": "room", "level": "1"}) for room in HIGH]
+    rooms.append((shapely.box(20, 0, 22, 2), {"indoor": "room", "level": shaft}))
+    path = written(tmp_path / "a.geojson", rooms)
+    for number, own in (("0", LOW), ("1", HIGH)):
+        plan = read_floorplan(path, PlanOptions(storey=number))
+        assert plan.source.storeys == tuple(levels.split())
+        is_here = number in {"0;1": "01", "-1-1": "01", "0; 2": "0"}.get(shaft, "")
+        assert plan.lengths.sum() == pytest.approx(perimeter(own) + 8 * is_here, rel=0.01)
+
+
+@pytest.mark.parametrize("is_line", [True, False])
+def test_a_wall_beside_rooms_does_not_stand_for_them(tmp_path: Path, is_line: bool) -> None:
+    """It used to be all that was read, without a word."""
+    wall = shapely.LineString([(2, 5), (2, 8)])
+    rooms = [(room, {"indoor": "room"}) for room in LOW]
+    rooms.append((wall if is_line else wall.buffer(0.1), {"indoor": "wall"}))
+    plan = read_floorplan(written(tmp_path / "a.geojson", rooms))
+    assert plan.lengths.sum() == pytest.approx(perimeter(LOW), rel=0.01)
+    assert any("what is named wall is left out" in words for words in plan.source.warnings)
+    # Walls around all rooms bound the plan as before.
+    around = [(shapely.boundary(room).buffer(0.1), {"indoor": "wall"}) for room in LOW]
+    plan = read_floorplan(written(tmp_path / "b.geojson", rooms[:3] + around))
+    assert plan.source.layers == ("wall",)

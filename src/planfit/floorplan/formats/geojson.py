@@ -32,6 +32,8 @@ from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
 _WIDEST_M = WALL_FACES_APART_M.high
+_WALLED_SHARE = 0.5
+"""Of the edges of rooms, what has walls along it where walls bound the plan, and not the rooms."""
 OPENING_MARGIN_M = 0.05
 
 
@@ -69,7 +71,7 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
     collections, fingerprint = load_collections(path)
     features = _sorted_features(path, options, collections)
     frame = local_frame([f.area for f in features.bounding], options, collections)
-    features = _told_by_width(features, frame)
+    features = _bounded(_told_by_width(features, frame), frame)
     source = _source(features, frame, "IMDF" if len(collections) > 1 else "GeoJSON")
     areas = [frame.local(f.area) for f in features.walls]
     solid = [a for a in areas if a.geom_type.endswith("Polygon")]
@@ -108,7 +110,7 @@ def _sorted_features(
     told = told_storeys(properties, np.flatnonzero(is_wall | is_room).tolist(), areas, is_wall)
     names = level_names(collections, told.order)
     level = chosen_level(path, options.storey, names, told.order)
-    is_here = np.array([not each or each == level for each in told.of_feature], dtype=bool)
+    is_here = np.array([not each or level in each for each in told.of_feature], dtype=bool)
     walls, rooms, openings, here = (
         [features[i] for i in np.flatnonzero(is_here & mask)]
         for mask in (is_wall, is_room, is_opening, np.ones(len(features), dtype=bool))
@@ -161,6 +163,24 @@ def _told_by_width(features: _Features, frame: LocalFrame) -> _Features:
     walls += [f for f in features.walls if role_of(f.name) == Role.WALL]
     rooms = [*features.rooms, *_without_nested(wide)]
     return replace(features, walls=walls, rooms=rooms)
+
+
+def _bounded(features: _Features, frame: LocalFrame) -> _Features:
+    """Without walls where most edges of rooms have none along them: indoor maps of OpenStreetMap draw rooms,
+    and walls where no room ends."""
+    if not features.walls or not features.rooms:
+        return features
+    edges = shapely.boundary(shapely.union_all([frame.local(f.area) for f in features.rooms]))
+    walls = shapely.union_all([frame.local(f.area) for f in features.walls])
+    along = shapely.intersection(edges, walls.buffer(_WIDEST_M * frame.likely_metre))
+    share = along.length / edges.length
+    if share >= _WALLED_SHARE:
+        return features
+    warning = (
+        f"walls are drawn along {share:.0%} of the edges of rooms: rooms bound the plan, and what is named "
+        "wall is left out; give --layer with the kinds that are to be read"
+    )
+    return replace(features, walls=[], warnings=(*features.warnings, warning))
 
 
 def _width_m(area: BaseGeometry) -> float:
@@ -251,4 +271,4 @@ def _left_out(features: _Features) -> tuple[str, ...]:
     if n <= 0:
         return ()
     names = sorted({f.name or "unnamed" for f in features.all} - {f.name for f in features.used})
-    return (f"{n} features that are neither walls, rooms nor openings: {', '.join(names[:5])}",)
+    return (f"{n} features that bound nothing: {', '.join(names[:5])}",)

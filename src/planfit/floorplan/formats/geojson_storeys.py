@@ -4,6 +4,7 @@ Exporters call it level, floorId, etage, baseHeight or anything else. What store
 rooms of one storey share no ground. So the property of which no value holds two such rooms tells them.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +24,8 @@ Properties = Mapping[str, str | float]
 
 STANDARD = ("level_id", "level")
 """Of IMDF, and of indoor maps in OpenStreetMap."""
+_RANGE = re.compile(r"(-?\d{1,3})-(-?\d{1,3})")
+"""Of levels in OpenStreetMap; lists have semicolons."""
 _STOREY_NAMES = """
     level floor storey story etage niveau geschoss stockwerk planta piso andar piano livello
     verdieping bouwlaag plan vaning kerros pietro kat
@@ -42,10 +45,10 @@ rooms each has half as many."""
 
 @dataclass(frozen=True)
 class ToldStoreys:
-    """Storey of each feature, and how it is known."""
+    """Storeys of each feature, as shafts and stairs have several, and how they are known."""
 
-    of_feature: tuple[str, ...]
-    """As the file calls it; empty where a feature tells none, as it is on all."""
+    of_feature: tuple[tuple[str, ...], ...]
+    """As the file calls them; none where a feature tells none, as it is on all."""
     order: tuple[str, ...]
     """From the lowest on."""
     warnings: tuple[str, ...] = ()
@@ -76,7 +79,7 @@ def told_storeys(
     is_telling = (n_walls != 1) & (not is_one_storey)
     pairs, are_crossing = pairs[is_telling], are_crossing[is_telling]
     if any(standard) or not len(pairs):
-        return ToldStoreys(tuple(standard), _in_order(standard, properties))
+        return _as_listed(standard, properties)
     of_rooms = [properties[i] for i in rooms]
     keys = list(dict.fromkeys(key for each in of_rooms for key in each))
     named = [key for key in keys if words_of(key) & _STOREY_WORDS]
@@ -88,11 +91,32 @@ def told_storeys(
         found.sort(key=lambda key: len({each[key] for each in of_rooms}))
         found = found if found and len({each[found[0]] for each in of_rooms}) < len(rooms) else []
     if found:
-        told = [_as_told(each.get(found[0], "")) for each in properties]
-        return ToldStoreys(tuple(told), _in_order(told, properties))
+        return _as_listed([_as_told(each.get(found[0], "")) for each in properties], properties)
     if not len(pairs):
-        return ToldStoreys(("",) * len(properties), ())
+        return ToldStoreys(((),) * len(properties), ())
     return _by_order_of_file(len(properties), rooms, pairs)
+
+
+def _as_listed(told: Sequence[str], properties: Sequence[Properties]) -> ToldStoreys:
+    """By what each feature tells: one storey, or in the words of OpenStreetMap several, "0;1" or "-1-2"."""
+    of_feature = tuple(tuple(dict.fromkeys(_listed(value))) for value in told)
+    alone = [each[0] if len(each) == 1 else "" for each in of_feature]
+    order = _in_order(alone, properties)
+    more = sorted({level for each in of_feature for level in each} - set(order))
+    if more:
+        order = _in_order([*order, *more], ({},) * (len(order) + len(more)))
+    return ToldStoreys(of_feature, order)
+
+
+def _listed(value: str) -> list[str]:
+    levels = []
+    for part in filter(None, (part.strip() for part in value.split(";"))):
+        ends = _RANGE.fullmatch(part)
+        if ends is not None and int(ends[1]) <= int(ends[2]):
+            levels += [str(level) for level in range(int(ends[1]), int(ends[2]) + 1)]
+        else:
+            levels.append(part)
+    return levels
 
 
 def _lying_on_one_another(
@@ -156,11 +180,12 @@ def _by_order_of_file(
     under: dict[int, list[int]] = {}
     for i, j in pairs:
         under.setdefault(int(j), []).append(int(i))
-    told, storey, first = [""] * n_features, 0, 0
+    told: list[tuple[str, ...]] = [()] * n_features
+    storey, first = 0, 0
     for number, feature in enumerate(rooms):
         if any(other >= first for other in under.get(number, [])):
             storey, first = storey + 1, number
-        told[feature] = str(storey)
+        told[feature] = (str(storey),)
     warning = (
         f"rooms lie on one another and no property tells their storeys: taken as {storey + 1} storeys in the "
         "order of the file; check the overlay (-o FILE.png)"

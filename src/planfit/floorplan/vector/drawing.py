@@ -247,7 +247,9 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
 def _under_floors(fills: list[Fill]) -> list[Fill]:
     """Fills, of dark ones without what opaque ones that are not dark later hide of them: rooms on a slab,
     doors and windows over walls. Of a floor the whole is left, on which what hides it is furniture."""
-    is_wall = np.array([fill.colour is not None and max(fill.colour) < DARK for fill in fills], bool)
+    is_wall = np.array(
+        [fill.colour is not None and max(fill.colour) < DARK for fill in fills], bool
+    )
     hides = np.array([fill.is_opaque and max(fill.colour or (0,)) >= DARK for fill in fills], bool)
     polygons = np.array([fill.polygon for fill in fills], dtype=object)
     walls, floors = np.flatnonzero(is_wall), np.flatnonzero(hides)
