@@ -33,7 +33,7 @@ from planfit.synth import (
     write_facap,
 )
 from planfit.viewer import ViewServer
-from planfit.viewer.points import PickedPoints
+from planfit.viewer.points import at_rim
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 from as_built_cases import make_case
@@ -222,7 +222,7 @@ def _color(page: Page, value: int) -> None:
 
 def _place_by_pairs(page: Page, tape: Recording, server: ViewServer) -> None:
     """Corners of the building, in the cloud and on the plan."""
-    points = PickedPoints(server.session.scan, server.session.floorplan)
+    floorplan = server.session.floorplan
     page.press(".hand-pairs")
     page.show(".hand-beside")
     page.settle()
@@ -254,7 +254,7 @@ def _place_by_pairs(page: Page, tape: Recording, server: ViewServer) -> None:
             "const s = document.querySelector('.hand-plan svg'), r = s.getBoundingClientRect();"
             "const p = new DOMPoint(arguments[0][0], -arguments[0][1]).matrixTransform(s.getScreenCTM());"
             "return [p.x - r.left, p.y - r.top]",
-            points.rim_of([xy.tolist()], {})[0],
+            at_rim(floorplan, xy[None], {})[0].tolist(),
         )
         _click(page, ".hand-plan svg", on_plan)
         placed.append(xy)
