@@ -13,7 +13,7 @@ from planfit.adjust import (
     close_loops_untorn,
 )
 from planfit.adjust.options import TermOptions
-from planfit.adjust.torn_steps import find_torn_steps
+from planfit.adjust.torn_steps import find_broken_steps, find_torn_steps
 from planfit.findings import ScanKind
 from planfit.geometry import se3
 from planfit.matching import Matches
@@ -173,3 +173,22 @@ def test_without_odometry_nothing_can_be_torn(walk):
     true, recorded, rng = walk
     measurements = measured(rng, recorded, true_motions(true))
     assert find_torn_steps(measurements, true[::-1], TermOptions(0.0)) == ()
+
+
+@pytest.mark.parametrize("n_pairs", [0, 2, 3, 6])
+def test_a_step_that_frames_about_it_were_matched_over_is_not_broken(walk, n_pairs):
+    """The tracker jumped by 0.4 m: below what is placed as a jump, and above what any tracker errs."""
+    true, _, rng = walk
+    recorded, at = true.copy(), 60
+    recorded[at + 1 :, 0, 3] += 0.4
+    over = [(at - k, at + 1 + k % 2) for k in range(6)][:n_pairs]
+    motions = {(i, i + 1): (se3.inverse(true[i]) @ true[i + 1], 0.3) for i in range(at)}
+    motions |= {(i, j): (se3.inverse(true[i]) @ true[j], 0.3) for i, j in over}
+    motions = {pair: told for pair, told in motions.items() if pair != (at, at + 1) or n_pairs}
+    seen = measured(rng, recorded, motions)
+    found = find_broken_steps(seen, true)
+    assert [step.frames for step in found] == [(at, at + 1)] * (n_pairs < 3)
+    # Pairs that say what was recorded are no witnesses of what was solved.
+    as_recorded = {(i, j): (se3.inverse(recorded[i]) @ recorded[j], 0.3) for i, j in motions}
+    found = find_broken_steps(measured(rng, recorded, as_recorded), true)
+    assert [step.frames for step in found] == [(at, at + 1)]

@@ -98,14 +98,30 @@ def find_broken_steps(
     """Steps where no tracker walked, by decimetres or many degrees, in their order.
 
     Whatever is usual on this walk, and whether or not the odometry took part: a result's path that is broken
-    there is doubtful.
+    there is doubtful, unless frames about the step were matched over it and saw what was solved.
     """
     odometry = measurements.odometry
     rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)
     by_rotation, by_translation = _in_sigmas(odometry, target_from_cams)
     by_angle = (by_rotation > BROKEN_SIGMAS) & (np.rad2deg(rotation) > BROKEN_DEG)
     by_way = (by_translation > BROKEN_SIGMAS) & (translation > BROKEN_M)
-    return _described(measurements, target_from_cams, np.flatnonzero(by_angle | by_way))
+    is_broken = by_angle | by_way
+    if is_broken.any():
+        is_broken &= ~_are_witnessed(measurements, target_from_cams)
+    return _described(measurements, target_from_cams, np.flatnonzero(is_broken))
+
+
+def _are_witnessed(
+    measurements: Measurements, target_from_cams: Float[np.ndarray, "n 4 4"]
+) -> Bool[np.ndarray, " s"]:
+    """Steps over which enough pairs of frames nearby were matched whose motion is the solved one."""
+    edges = relative_poses_of(measurements.matches)
+    edges = edges[group_visits(edges, target_from_cams, measurements.odometry) < 0]
+    a, b = target_from_cams[edges.pairs].swapaxes(0, 1)
+    exact = np.zeros(len(edges)), np.zeros(len(edges))
+    agreeing = edges.pairs[is_near(edges.a_from_b, se3.inverse(a) @ b, exact)]
+    ends = [np.bincount(side, minlength=len(target_from_cams)) for side in np.sort(agreeing).T]
+    return np.cumsum(ends[0] - ends[1])[:-1] >= MIN_WITNESSES
 
 
 def step_departures(
