@@ -160,6 +160,37 @@ def test_a_step_that_nothing_measured_to_walls_that_fit_stays_as_recorded(truth,
     assert opened_by_walls(prepared, tracking, on_plan, RefineOptions(), truth) is None
 
 
+def test_walls_that_no_plan_draws_between_measured_steps_open_nothing(truth, rng):
+    """Frames 16 to 19 see a wall that the plan lacks; they are held to those before, and the ones beyond the
+    step that nothing measured lie on the plan."""
+    prepared, tracking, on_plan = world(truth, truth, rng)
+    measured = prepared.measurements
+    walls = measured.structure.walls
+    lost = (walls.frame_idx >= 16) & (walls.frame_idx <= STEP)
+    moved = walls.points_cam.copy(), walls.ends_cam.copy()
+    moved[0][np.repeat(lost, np.diff(walls.start))] *= 0.6
+    moved[1][lost] *= 0.6
+    walls = replace(walls, points_cam=moved[0], ends_cam=moved[1])
+    structure = replace(measured.structure, walls=walls)
+    seen = replace(prepared, measurements=replace(measured, structure=structure))
+    assert opened_by_walls(seen, tracking, on_plan, RefineOptions(), truth) is None
+
+
+def test_a_part_that_fits_worst_has_no_place_on_a_plan_that_lacks_most_walls(truth, rng):
+    """Of the whole walk most walls are not drawn: that none had a place used to be the likeliest, and so
+    nothing was opened."""
+    prepared, tracking, on_plan = world(truth, jumped(truth), rng)
+    plan = on_plan.floorplan
+    few = np.arange(len(plan)) % 3 == 0
+    few_faces = replace(
+        plan, ends=plan.ends[few], normals=plan.normals[few], is_oriented=plan.is_oriented[few]
+    )
+    walk = prepared, tracking, replace(on_plan, floorplan=few_faces), RefineOptions()
+    opened = opened_by_walls(*walk, prepared.level_from_keys)
+    assert opened is not None
+    assert opened.open_steps.tolist() == [STEP]
+
+
 def test_surfaces_brought_together_elsewhere_than_the_walls_have_them_are_found_out(truth, rng):
     """Two frames before the jump, led astray together, confirm each other; the third is as far off where it
     leaves the motion free: its surfaces are others."""

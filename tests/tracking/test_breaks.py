@@ -272,6 +272,17 @@ def test_surfaces_alone_make_no_long_step_of_a_usual_one(rng, n_inliers, n_found
     assert len(tracking.breaks) == n_found
 
 
+@pytest.mark.parametrize(("n_inliers", "n_found"), [(20, 0), (100, 1)])
+def test_surfaces_alone_make_no_long_step_longer(rng, n_inliers, n_found):
+    """The tracker jumped by 0.5 m, and surfaces about the step slid by 0.8 m, all by the same way: that put
+    a walk 1.7 m off."""
+    poses, slid = straight(), straight()
+    poses[31:, 0, 3] += 0.5
+    slid[31:, 0, 3] += 1.3
+    motions = measure(slid, rng, neighbours=2, n_inliers=n_inliers)
+    assert len(judged(poses, motions).breaks) == n_found
+
+
 @pytest.mark.parametrize(
     ("pairs", "n_found"), [(((30, 32), (30, 33)), 0), (((30, 32), (29, 33)), 1)]
 )

@@ -123,9 +123,11 @@ class _Walk:
         explained = closeness(self.samples, self.plan, here)[0]
         return _Place(plan_from_level, self.summed(explained))
 
-    def unexplained(self) -> Float[np.ndarray, " n"]:
-        """Log likelihood of the walls of each keyframe where nothing is known of its place."""
-        return self.summed(np.full(len(self.of_key), NULL_SCORE))
+    def unexplained(self, as_a_whole: _Place) -> Float[np.ndarray, " n"]:
+        """Log likelihood of the walls of each keyframe where nothing is known of its place; no more than
+        walls have on average where the whole walk was placed, as of a plan that lacks most of them."""
+        unknown = self.summed(np.full(len(self.of_key), NULL_SCORE))
+        return unknown * max(1.0, as_a_whole.log_likelihood.sum() / min(unknown.sum(), -1e-9))
 
     def log_odds(self, before: _Place, after: _Place) -> Float[np.ndarray, " s"]:
         """Of a change from one place to another at each step: 0 where no jump is, -inf where none can be."""
@@ -289,13 +291,14 @@ def _places_beside(
 
 def _likeliest(walk: _Walk, places: Sequence[_Place], or_unknown: bool) -> Int[np.ndarray, " n"]:
     """Numbers of the places of the likeliest walk (Viterbi 1967); the last one is of a place not known."""
-    log = [place.log_likelihood for place in places] + [walk.unexplained()] * or_unknown
+    log = [place.log_likelihood for place in places] + [walk.unexplained(places[0])] * or_unknown
     n, n_places, n_states = len(log[0]), len(places), len(log)
     change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to
     for a, b in np.ndindex(n_states, n_states):
         if a != b:
             is_known = max(a, b) < n_places
-            odds = walk.log_odds(places[a], places[b]) if is_known else -PRICE
+            unknown = np.where(walk.is_whole, -np.inf, -PRICE)
+            odds = walk.log_odds(places[a], places[b]) if is_known else unknown
             change[:, a, b] = odds
     best, came_from = np.array([each[0] for each in log]), np.zeros((n, n_states), dtype=int)
     for k in range(1, n):

@@ -171,7 +171,7 @@ def _is_blind(
         return False
     ends = votes.ends[supports]
     shares_no_frame = (ends[:, None] != ends).all(axis=2)
-    return bool(recorded <= 1.0 < corrected or not shares_no_frame.any())
+    return bool(corrected > max(recorded, 1.0) or not shares_no_frame.any())
 
 
 def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:
