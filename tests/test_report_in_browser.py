@@ -74,7 +74,7 @@ def test_report_fits_sorts_and_shows_its_pictures(tmp_path, floorplan, width_px)
     report = report_of(floorplan, (0.01, 0.07, -0.12, 0.0))
     found = found_in(tmp_path / "probe.html", report, width_px, PROBE)
     assert found["width"] <= width_px
-    assert found["pictures"] == 13
+    assert found["pictures"] == 11
     assert found["words"] <= 900 < found["all_words"]
     assert found["cut"] == []
     assert found["covered"] == []

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from planfit.findings import Finding, ResultKind, ScanKind
-from planfit.report.html.photos import MAX_OF_EACH, MAX_PHOTOS, frames_to_show, items_with_photos
+from planfit.report.html.photos import MAX_PHOTOS, frames_to_show, items_with_photos
 from report.scenes import room_plan
 from test_report import make_result
 
@@ -52,7 +52,7 @@ def test_photos_stand_beside_their_finding_and_are_few():
     items = html.split("</li>")[:-1]
     assert len(items) == len(found)
     counts = [item.count("<img") for item in items]
-    assert counts == [0, 1, 1, 1, 1, MAX_OF_EACH, 0]
+    assert counts == [0, 1, 1, 1, 1, 2, 0]
     assert sum(counts) == MAX_PHOTOS
     data = re.search(r"base64,([^\"]*)\"", items[2])
     assert data is not None

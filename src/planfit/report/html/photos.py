@@ -7,11 +7,12 @@ import numpy as np
 
 from planfit.adjust.association import wall_patches_in_plan
 from planfit.findings import Finding
+from planfit.findings.finding import FEW_NAMED
 from planfit.pipeline.result import RefineResult
 from planfit.priors import PATCH_TURN_MOST_DEG, WALL_MOVED_MOST_M
 
-MAX_PHOTOS, MAX_OF_EACH = 6, 2
-"""In a list, and beside one finding."""
+MAX_PHOTOS = 2 * FEW_NAMED
+"""In a list; beside one finding, half as many."""
 
 
 def items_with_photos(
@@ -27,7 +28,7 @@ def items_with_photos(
     left, html = MAX_PHOTOS, []
     for finding, words in items:
         frames = list(dict.fromkeys(frames_to_show(finding, result, pictures)))
-        frames = frames[: min(left, MAX_OF_EACH)]
+        frames = frames[: min(left, FEW_NAMED)]
         left -= len(frames)
         photos = "".join(_photo(frame, pictures[frame]) for frame in frames)
         html.append(

@@ -16,7 +16,7 @@ from planfit.report.html import tables
 from planfit.report.html.as_built_section import as_built_section
 from planfit.report.html.tables import captioned, plural, side_by_side, sides, table, width_pt
 from planfit.report.measures import BeforeAfter, Measures
-from planfit.report.plots import charts, maps, wall_views
+from planfit.report.plots import charts, maps
 from planfit.report.plots.drawing import PANEL_PT
 from planfit.report.plots.top_view import Crop
 
@@ -99,20 +99,14 @@ def walls(
         "what the plan does not draw, or walls that were moved.</p>",
         as_built_section(as_built, crop, rooms_as_built(floorplan, as_built)),
     ]
-    scanned = wall_views.scanned_walls(result, as_built)
-    if scanned:
+    shown = maps.walls_to_show(result, as_built)
+    if shown:
         limit = formatting.length(maps.RANGE_M, ".1f")
-        fronts = "".join(_front(one) for one in wall_views.furthest_off(scanned))
-        cuts = "".join(_cut(one) for one in wall_views.most_changed(scanned))
         html.append(
             "<h3>Walls from the front</h3><p>Walls that stand elsewhere than drawn, the furthest first; "
             "where none does, the longest that was seen. Red is before the wall as drawn, towards who "
             f"looks at it, blue behind it; colours end at ±{limit}.</p>"
-            f'<div class="pair">{fronts}</div>'
-            "<h3>Cross-sections of walls</h3><p>The walls that changed most, seen along themselves: each dot "
-            "is a scanned point, the dark line the wall as drawn, and distances from it are stretched. "
-            "A wall that was scanned twice makes two upright bands before; after, one.</p>"
-            f'<div class="pair">{cuts}</div>'
+            f'<div class="pair">{"".join(map(_front, shown))}</div>'
         )
     return "\n".join(html)
 
@@ -156,25 +150,12 @@ def frame_matches(
     return f'<h2>Matches</h2><div class="pair">{"".join(pictures)}</div>'
 
 
-def _front(wall: wall_views.ScannedWall) -> str:
-    number = f"No.{formatting.SPACE}{wall.number}"
+def _front(shown: maps.ScannedWall) -> str:
     return captioned(
-        wall_views.draw_front(wall),
-        f"<strong>{number}:</strong> {escape(in_words(wall.wall, wall.verdict))}",
-        f"Wall {wall.number} from the front, by distance from where it is drawn",
-    )
-
-
-def _cut(wall: wall_views.ScannedWall) -> str:
-    apart = [
-        formatting.length(float(np.abs(points[:, 1]).mean()))
-        for points in (wall.before, wall.after)
-    ]
-    return captioned(
-        wall_views.draw_section(wall),
-        f"<strong>No.{formatting.SPACE}{wall.number}:</strong> {formatting.count(len(wall.after))} "
-        f"points, on average {apart[0]} from the drawn wall before and {apart[1]} after",
-        f"Wall {wall.number} cut across, before and after",
+        maps.wall_front(shown),
+        f"<strong>No.{formatting.SPACE}{shown.number}:</strong> "
+        f"{escape(in_words(shown.wall, shown.verdict))}",
+        f"Wall {shown.number} from the front, by distance from where it is drawn",
     )
 
 

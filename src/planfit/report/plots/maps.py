@@ -1,15 +1,24 @@
-"""Maps of the scan: heights of the floor, loop closures; and how signed distances are shown by colour."""
+"""Maps of the scan: heights of the floor, walls from the front by how far each spot is from where the wall is
+drawn, loop closures."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from planfit.adjust.association import wall_patches_in_plan
+from planfit.adjust.moved_walls import MIN_PATCHES
+from planfit.as_built import AsBuilt, AsBuiltWall, Verdict
+from planfit.findings.finding import FEW_NAMED
 from planfit.floorplan import Floorplan
+from planfit.geometry import se3
+from planfit.pipeline.result import RefineResult
+from planfit.priors import PATCH_TURN_MOST_DEG, WALL_AS_DRAWN_M
 from planfit.report.measures import Measures
 from planfit.report.plots import colors
-from planfit.report.plots.axes import LEGEND_PT, Axes
-from planfit.report.plots.drawing import Box, Cells, Drawing, Shape, Words, rgb_of
+from planfit.report.plots.axes import BOTTOM_PT, LEGEND_PT, Axes, left_pt
+from planfit.report.plots.drawing import PANEL_PT, Box, Cells, Drawing, Shape, Words, rgb_of
 from planfit.report.plots.top_view import (
     Crop,
     draw_paths,
@@ -21,7 +30,8 @@ from planfit.scan.joined import FramesOfScan
 RANGE_M = 0.2
 """Distances (m) at which the colours end: of the floor from its plane, of a wall from where it is drawn."""
 _MIN_CELL_M, _MAX_CELLS = 0.1, 160
-KEY_PT = 54
+_FRONT_HEIGHT_PT = 130
+_KEY_PT = 54
 """Room for the key to these colours."""
 _COLORS = "#053061 #2166ac #4393c3 #92c5de #d1e5f0 #f7f7f7 #fddbc7 #f4a582 #d6604d #b2182b #67001f"
 """Of equal steps, blue to red; of ColorBrewer."""
@@ -30,19 +40,19 @@ _NOTHING = "#e8ebee"
 
 def floor_map(floorplan: Floorplan | None, side: Measures, crop: Crop, width_pt: float) -> Drawing:
     """Median height of the floor, from above; colours end at plus and minus `RANGE_M`."""
-    drawing, axes = new_view(crop, width_pt, 7, KEY_PT)
+    drawing, axes = new_view(crop, width_pt, 7, _KEY_PT)
     columns = int(np.clip(crop.size[0] / _MIN_CELL_M, 1, _MAX_CELLS))
     shape = max(1, round(columns * crop.height_per_width)), columns
-    draw_medians(axes, side.floor_points[:, :2], side.floor_points[:, 2], shape)
+    _draw_medians(axes, side.floor_points[:, :2], side.floor_points[:, 2], shape)
     if floorplan is not None:
         axes.lines(floorplan.ends, colors.GREY, 0.5)
     finish_view(axes, floorplan is not None)
-    draw_key(axes, "floor height (m)")
+    _draw_key(axes, "floor height (m)")
     drawing.clicks = axes.clicks("plan")
     return drawing
 
 
-def draw_medians(
+def _draw_medians(
     axes: Axes,
     xy: Float[np.ndarray, "m 2"],
     values_m: Float[np.ndarray, " m"],
@@ -70,7 +80,7 @@ def _palette() -> np.ndarray:
     return np.column_stack([rgb, np.full(len(rgb), 255, np.uint8)])
 
 
-def draw_key(axes: Axes, name: str) -> None:
+def _draw_key(axes: Axes, name: str) -> None:
     """What the colours mean, right of the axes; the pointed ends go on."""
     items, left = axes.drawing.items, axes.box.right + 9
     middle, half = (axes.box.top + axes.box.bottom) / 2, min(axes.box.size[1], 187) / 2 - 8
@@ -87,6 +97,63 @@ def draw_key(axes: Axes, name: str) -> None:
         items.append(Words(words, (box.right + 4.5, y + 3), colors.GREY))
     at = axes.drawing.width_pt - 4, middle
     items.append(Words(name, at, colors.GREY, "middle", is_upright=True))
+
+
+@dataclass(frozen=True)
+class ScannedWall:
+    """A drawn face and the scanned points that show it."""
+
+    number: int
+    """As in the table of walls."""
+    wall: AsBuiltWall
+    verdict: Verdict
+    points: Float[np.ndarray, "m 3"]
+    """m: along the face from its left end as who stands before it sees it, from it along its normal, and
+    above the floor."""
+
+
+def walls_to_show(result: RefineResult, as_built: AsBuilt) -> list[ScannedWall]:
+    """Faces of the plan that stand elsewhere than drawn and of which enough patches were seen, the furthest
+    first; where none does, the longest that was seen."""
+    seen = list(_scanned_walls(result, as_built))
+    moved = [one for one in seen if one.verdict is Verdict.MOVED]
+    if not moved:
+        return sorted(seen, key=lambda one: -one.wall.length_m)[:1]
+    return sorted(moved, key=lambda one: -abs(one.wall.offset_m))[:FEW_NAMED]
+
+
+def _scanned_walls(result: RefineResult, as_built: AsBuilt) -> Iterator[ScannedWall]:
+    patches = result.structure.walls
+    normals, ends = wall_patches_in_plan(patches, result.plan_from_cams)
+    for number, wall in enumerate(as_built.walls, start=1):
+        right = np.array([-wall.normal[1], wall.normal[0]])
+        corner = wall.ends[np.argmin(wall.ends @ right)]
+        axes = np.stack([right, wall.normal], axis=1)
+        along, off_m = ((ends.mean(axis=1) - corner) @ axes).T
+        facing = normals @ wall.normal if wall.is_oriented else np.abs(normals @ wall.normal)
+        own = facing > np.cos(np.deg2rad(PATCH_TURN_MOST_DEG.value))
+        own &= np.abs(off_m - wall.offset_m) < WALL_AS_DRAWN_M.value
+        own &= (along > 0) & (along < wall.length_m)
+        if wall.face_idx < 0 or own.sum() < MIN_PATCHES:
+            continue
+        shown = patches.of(own)
+        poses = result.plan_from_cams[shown.point_frame_idx]
+        points = se3.transform_each(poses, shown.points_cam)
+        points = np.column_stack([(points[:, :2] - corner) @ axes, points[:, 2]])
+        yield ScannedWall(number, wall, as_built.verdict(wall), points)
+
+
+def wall_front(shown: ScannedWall) -> Drawing:
+    """A wall as who stands before it sees it: median distance from where it is drawn, cell by cell."""
+    length_m, top_m = shown.wall.length_m, float(np.percentile(shown.points[:, 2], 99.5)) + 0.15
+    drawing, y = Drawing(PANEL_PT, _FRONT_HEIGHT_PT), (0.0, max(1.0, top_m))
+    box = Box(left_pt(y), 8, PANEL_PT - _KEY_PT, _FRONT_HEIGHT_PT - BOTTOM_PT)
+    axes = Axes(drawing, box, (0.0, length_m), y)
+    rows, columns = (max(1, round(size_m / _MIN_CELL_M)) for size_m in (y[1], length_m))
+    _draw_medians(axes, shown.points[:, [0, 2]], shown.points[:, 1], (rows, columns))
+    axes.rim("along the wall (m)", "height (m)", n_steps=2)
+    _draw_key(axes, "from the drawn wall (m)")
+    return drawing
 
 
 def loop_closure_map(
