@@ -47,7 +47,8 @@ def test_files_of_other_kinds(tmp_path, name, what):
 def test_json_of_another_kind(tmp_path):
     (tmp_path / "tags.json").write_text('{"tags": []}')
     assert told(tmp_path / "tags.json").startswith(
-        "expected a plan as JSON (planfit's own, with unit and faces, or of RoomPlan), found one without "
+        "expected a plan in planfit's own JSON or of RoomPlan, found the parts of another program's own "
+        "form, which is not read; export the plan"
     )
 
 

@@ -118,13 +118,13 @@ def _of_another_kind(content: object) -> str:
         )
     if content.get("type") in ("FeatureCollection", "Feature"):
         return "GeoJSON; rename it to .geojson"
-    parts = sorted(_OF_EDITORS & set(content))
-    if "faces" not in content and parts:
-        return (
-            f"the {' and '.join(parts)} of another program's own form, which is not read; export the plan "
-            "from that program as DXF, SVG, PDF or IFC"
-        )
-    return ""
+    if "faces" in content:
+        return ""
+    parts = " and ".join(sorted(_OF_EDITORS & set(content)))
+    return (
+        f"the {parts or 'parts'} of another program's own form, which is not read; export the plan from that "
+        "program as DXF, SVG, PDF or IFC"
+    )
 
 
 @dataclass(frozen=True)
