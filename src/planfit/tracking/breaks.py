@@ -161,8 +161,9 @@ def _is_blind(
     """Whether a jump that makes no long step usual rests on surfaces that may have slid together.
 
     A tracker that jumps makes a usual step long. Surfaces repeat, in corridors above all, and neighbouring
-    pairs slide by the same way: two of them turned steps of 0.8 m, like all about it, into 1.7 m. What looks
-    alike from a frame does so beside each of its neighbours: two of one frame made 0.43 m of a step of 0.30.
+    pairs slide by the same way: two of them turned steps of 0.8 m, like all about it, into 1.7 m, and six a
+    long one of 0.9 m, a jump, into 1.6 m. What looks alike from a frame does so beside each of its
+    neighbours: two of one frame made 0.43 m of a step of 0.30.
     """
     recorded, corrected = times_usual(_steps_at(world_from_cams, jump), usual) / LONG
     supports = (votes.cost(jump.world_from_recorded) < MAX_SIGMAS**2) & contradicts
