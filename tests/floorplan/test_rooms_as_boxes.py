@@ -9,7 +9,7 @@ import shapely
 
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.floorplan.vector.areas import HIDDEN, uppermost
-from planfit.floorplan.vector.drawing import Fill
+from planfit.floorplan.vector.drawing import DrawingBuilder, Fill
 
 Box = tuple[float, float, float, float]
 Line = tuple[float, float, float, float]
@@ -260,3 +260,31 @@ def test_rooms_of_any_colour_on_a_slab_in_the_colour_of_walls_leave_the_walls(
     assert shapely.length(shapely.intersection(outline, near)) > 0.99 * shapely.length(outline)
     near = shapely.buffer(outline, 1.0)
     assert shapely.length(shapely.intersection(edges, near)) > 0.97 * shapely.length(edges)
+
+
+GREY, WHITE, BLACK = (179, 179, 179), (255, 255, 255), (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("under", "colour", "over", "is_cut"),
+    [
+        ((0, 0, 40, 30), GREY, [(2, 2, 8, 6), (20, 2, 15, 7), (2, 20, 9, 9)], False),  # furniture
+        ((0, 0, 80, 60), BLACK, [(2, 2, 38, 56), (42, 2, 36, 56)], True),  # rooms on a slab
+        ((0, 0, 80, 2), BLACK, [(30, -1, 9, 4)], True),  # a door in a wall
+        ((0, 0, 40, 30), (210, 190, 160), [(2, 2, 36, 26)], False),  # a carpet on a floor
+    ],
+)
+def test_what_lies_on_a_dark_area_is_cut_out_of_walls_and_not_of_floors(
+    under: Box, colour: tuple[int, int, int], over: list[Box], is_cut: bool
+) -> None:
+    """Tiles in grey 179 are as dark as walls: cut out of them, basins and tubs were walls."""
+
+    def area(x: float, y: float, w: float, h: float) -> shapely.Polygon:
+        return shapely.box(x, y, x + w, y + h)
+
+    builder = DrawingBuilder()
+    for one, paint in ((under, colour), *((each, WHITE) for each in over)):
+        builder.add_fill([shapely.get_coordinates(area(*one))], "", paint, is_opaque=True)
+    hidden = shapely.union_all([area(*each) for each in over])
+    expected = area(*under).difference(hidden) if is_cut else area(*under)
+    assert builder.build().fills[0].polygon.area == pytest.approx(expected.area)

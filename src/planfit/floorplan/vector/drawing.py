@@ -10,12 +10,15 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import Rows
 from planfit.floorplan.vector.regions import SelfCrossings
 from planfit.floorplan.vector.strokes import (
+    LEAST_SLIM,
     MANY,
+    MOST_COVERED,
     Pen,
     are_bodies,
     are_in_area,
     area_of_strokes,
     body_of_strokes,
+    slimness,
 )
 
 ABSURD = 1e9
@@ -246,7 +249,8 @@ def _without_bodies(lines: Lines, pens: list[Pen | None]) -> tuple[Lines, list[F
 
 def _under_floors(fills: list[Fill]) -> list[Fill]:
     """Fills, of dark ones without what opaque ones that are not dark later hide of them: rooms on a slab,
-    doors and windows over walls. Of a floor the whole is left, on which what hides it is furniture."""
+    doors and windows over walls. Of what is no wall and mostly shows, as a dark floor does, the whole is
+    left: what hides it is furniture."""
     is_wall = np.array(
         [fill.colour is not None and max(fill.colour) < DARK for fill in fills], bool
     )
@@ -260,7 +264,10 @@ def _under_floors(fills: list[Fill]) -> list[Fill]:
     shown = list(fills)
     for k in np.unique(under).tolist():
         hidden = shapely.union_all(polygons[over[under == k]])
-        shown[k] = replace(fills[k], polygon=shapely.difference(polygons[k], hidden))
+        rest = shapely.difference(polygons[k], hidden)
+        mostly = MOST_COVERED * shapely.convex_hull(polygons[k]).area
+        if slimness(polygons[k]) > LEAST_SLIM or rest.area < mostly:
+            shown[k] = replace(fills[k], polygon=rest)
     return shown
 
 
