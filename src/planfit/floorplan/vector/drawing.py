@@ -255,7 +255,8 @@ def _under_floors(fills: list[Fill]) -> list[Fill]:
         [fill.colour is not None and max(fill.colour) < DARK for fill in fills], bool
     )
     hides = np.array([fill.is_opaque and max(fill.colour or (0,)) >= DARK for fill in fills], bool)
-    polygons = np.array([fill.polygon for fill in fills], dtype=object)
+    areas = [fill.polygon for fill in fills]
+    polygons = np.array(areas, dtype=object)
     walls, floors = np.flatnonzero(is_wall), np.flatnonzero(hides)
     tree = shapely.STRtree(polygons[floors])
     under, over = tree.query(polygons[walls], predicate="intersects")
@@ -264,9 +265,8 @@ def _under_floors(fills: list[Fill]) -> list[Fill]:
     shown = list(fills)
     for k in np.unique(under).tolist():
         hidden = shapely.union_all(polygons[over[under == k]])
-        rest = shapely.difference(polygons[k], hidden)
-        mostly = MOST_COVERED * shapely.convex_hull(polygons[k]).area
-        if slimness(polygons[k]) > LEAST_SLIM or rest.area < mostly:
+        rest = areas[k].difference(hidden)
+        if slimness(areas[k]) > LEAST_SLIM or rest.area < MOST_COVERED * areas[k].convex_hull.area:
             shown[k] = replace(fills[k], polygon=rest)
     return shown
 
