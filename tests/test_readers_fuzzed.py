@@ -13,6 +13,7 @@ import shapely
 from fuzz.other_files import other_files
 from PIL import Image
 
+from plan_files import write_ifc
 from planfit.as_built.record import read_as_built
 from planfit.batch.jobs import read_jobs
 from planfit.cli.batch import columns
@@ -263,6 +264,20 @@ def test_a_header_that_a_library_dies_of(schemas: str, words: str, tmp_path: Pat
     path = tmp_path / "plan.ifc"
     path.write_text(f"ISO-10303-21;\nHEADER;\n{schemas}\nENDSEC;\nDATA;\nENDSEC;\n")
     with pytest.raises(FloorplanError, match=words):
+        read_floorplan(path)
+
+
+def test_walls_along_lines_without_points(tmp_path: Path) -> None:
+    """Points that a damaged file lacks: the library divides by their number."""
+    pytest.importorskip("ifcopenshell")
+    path = write_ifc(
+        tmp_path / "plan.ifc", shapely.box(0, 0, 6, 4).difference(shapely.box(1, 1, 5, 3))
+    )
+    lines = path.read_text().splitlines()
+    kept = [line for line in lines if "IFCCARTESIANPOINT((" not in line or line.count(",") == 2]
+    assert len(kept) < len(lines)
+    path.write_text("\n".join(kept))
+    with pytest.raises(FloorplanError, match="an IfcPolyline without points"):
         read_floorplan(path)
 
 

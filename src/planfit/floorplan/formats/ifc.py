@@ -135,6 +135,10 @@ def _open(path: Path, ifcopenshell: Any) -> Any:
         model = ifcopenshell.open(str(path))
         if not isinstance(model, ifcopenshell.file):
             raise TypeError("not a building model")
+        # ifcopenshell 0.9 divides by their number, and the process ends.
+        for kind, points in (("IfcPolyline", "Points"), ("IfcPolyLoop", "Polygon")):
+            if not all(getattr(line, points) for line in model.by_type(kind)):
+                raise ValueError(f"an {kind} without points")
     return model
 
 
