@@ -257,6 +257,7 @@ def test_a_schema_of_any_length(suffix: str, tmp_path: Path) -> None:
     [
         ("FILE_SCHEMA(('IFC4'));\nFILE_SCHEMA(('IFC4'));", "a header with 2 schemas"),
         (f"FILE_SCHEMA(st1+b{'9' * 4000}','');", "a header whose schema has no name"),
+        ("FILE_SCHEMA(('IFC4'", "a header whose schema has no name"),
     ],
 )
 def test_a_header_that_a_library_dies_of(schemas: str, words: str, tmp_path: Path) -> None:

@@ -511,6 +511,20 @@ def test_damaged_files_of_openloris(name, text, words, sample, tmp_path):
         read_scan(tmp_path)
 
 
+def test_matrices_of_openloris_are_read_number_by_number(sample, tmp_path):
+    """One whose columns are not told ended the process within OpenCV 5."""
+    WRITERS["openloris"](tmp_path, sample)
+    whole = read_scan(tmp_path)
+    mounts, lens = ((tmp_path / name).read_text() for name in ("trans_matrix.yaml", "sensors.yaml"))
+    put(tmp_path / "trans_matrix.yaml", mounts.replace("cols: 4", "c: 4"))
+    assert_allclose(read_scan(tmp_path).world_from_cams, whole.world_from_cams)
+    put(
+        tmp_path / "sensors.yaml",
+        lens.replace("0.0, 0.0, 0.0, 0.0, 0.0", "0.0, 0.0, 0.0, 0.0, 0.9"),
+    )
+    assert not np.array_equal(read_scan(tmp_path).files.color(0), whole.files.color(0))
+
+
 def test_openloris_with_depth_of_its_own_camera_is_no_tum(sample, tmp_path):
     WRITERS["openloris"](tmp_path, sample)
     put(tmp_path / "depth.txt", "0.0 depth/0.0.png\n")

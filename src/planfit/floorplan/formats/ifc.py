@@ -149,7 +149,7 @@ def _check_schema(path: Path) -> None:
     if len(named) > 1:
         raise ValueError(f"a header with {len(named)} schemas")
     for words in named:
-        found = re.match(rb"\s*\(\s*\(\s*'([^']*)'", words)
+        found = re.fullmatch(rb"\s*\(\s*\(\s*'([^']*)'\s*(?:,\s*'[^']*'\s*)*\)\s*\)\s*", words)
         if found is None:
             raise ValueError("a header whose schema has no name")
         if len(found[1]) > MAX_SCHEMA_NAME:

@@ -49,13 +49,12 @@ def _opened(source: FileSource, name: str) -> cv2.FileStorage:
 
 
 def _matrix(node: cv2.FileNode, count: int, where: str) -> Float[np.ndarray, " count"]:
-    try:
-        found = None if node.empty() else node.mat()
-    except (cv2.error, SystemError):  # of a damaged one
-        found = None
-    if found is None or found.size < count:
+    # Number by number: OpenCV 5 makes a matrix whose columns are not told in memory that is not its own.
+    data = node.getNode("data")
+    values = [data.at(i) for i in range(min(int(data.size()), 16))]
+    if len(values) < count or not all(one.isReal() or one.isInt() for one in values):
         raise ScanError(f"{where}: expected a matrix of {count} numbers, found none")
-    return np.asarray(found, dtype=float).ravel()
+    return np.array([one.real() for one in values])
 
 
 def _lens(source: FileSource) -> Lens:
