@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from planfit.findings import Finding, ResultKind, ScanKind
-from planfit.report.html.photos import MAX_PHOTOS, frames_to_show, items_with_photos
+from planfit.findings.finding import FEW_NAMED
+from planfit.report.html.photos import frames_to_show, items_with_photos
 from report.scenes import room_plan
 from test_report import make_result
 
@@ -53,7 +54,7 @@ def test_photos_stand_beside_their_finding_and_are_few():
     assert len(items) == len(found)
     counts = [item.count("<img") for item in items]
     assert counts == [0, 1, 1, 1, 1, 2, 0]
-    assert sum(counts) == MAX_PHOTOS
+    assert sum(counts) == 2 * FEW_NAMED
     data = re.search(r"base64,([^\"]*)\"", items[2])
     assert data is not None
     assert base64.b64decode(data[1]) == b"photo 3"

@@ -32,8 +32,6 @@ from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
 _WIDEST_M = WALL_FACES_APART_M.high
-_WALLED_SHARE = 0.5
-"""Of the edges of rooms, what has walls along it where walls bound the plan, and not the rooms."""
 OPENING_MARGIN_M = 0.05
 
 
@@ -174,7 +172,7 @@ def _bounded(features: _Features, frame: LocalFrame) -> _Features:
     walls = shapely.union_all([frame.local(f.area) for f in features.walls])
     along = shapely.intersection(edges, walls.buffer(_WIDEST_M * frame.likely_metre))
     share = along.length / edges.length
-    if share >= _WALLED_SHARE:
+    if share >= 1.0 - share:
         return features
     warning = (
         f"walls are drawn along {share:.0%} of the edges of rooms: rooms bound the plan, and what is named "

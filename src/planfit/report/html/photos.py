@@ -11,21 +11,19 @@ from planfit.findings.finding import FEW_NAMED
 from planfit.pipeline.result import RefineResult
 from planfit.priors import PATCH_TURN_MOST_DEG, WALL_MOVED_MOST_M
 
-MAX_PHOTOS = 2 * FEW_NAMED
-"""In a list; beside one finding, half as many."""
-
 
 def items_with_photos(
     items: Iterable[tuple[Finding, str]], result: RefineResult, pictures: Mapping[int, bytes]
 ) -> str:
-    """List items of findings and their words (HTML), with photos where there are some.
+    """List items of findings and their words (HTML), with photos where there are some: few beside each, and
+    twice as many in all.
 
     Args:
         items: findings about one scan or several; those about one of several have no photo.
         result: whose frames they name.
         pictures: JPEGs by frame.
     """
-    left, html = MAX_PHOTOS, []
+    left, html = 2 * FEW_NAMED, []
     for finding, words in items:
         frames = list(dict.fromkeys(frames_to_show(finding, result, pictures)))
         frames = frames[: min(left, FEW_NAMED)]
