@@ -115,7 +115,14 @@ def test_chosen_kinds_are_rooms_where_they_are_wide_and_walls_where_they_are_thi
 
 
 @pytest.mark.parametrize(
-    ("shaft", "levels"), [("0;1", "0 1"), ("-1-1", "-1 0 1"), ("0; 2", "0 1 2"), ("a-b", "0 1 a-b")]
+    ("shaft", "levels"),
+    [
+        ("0;1", "0 1"),
+        ("-1-1", "-1 0 1"),
+        ("0; 2", "0 1 2"),
+        ("a-b", "0 1 a-b"),
+        ("-300-300", "-300-300 0 1"),  # no building, but much memory where all features say so
+    ],
 )
 def test_levels_of_openstreetmap_are_lists_and_ranges(
     tmp_path: Path, shaft: str, levels: str

@@ -171,9 +171,9 @@ def _bounded(features: _Features, frame: LocalFrame) -> _Features:
     edges = shapely.boundary(shapely.union_all([frame.local(f.area) for f in features.rooms]))
     walls = shapely.union_all([frame.local(f.area) for f in features.walls])
     along = shapely.intersection(edges, walls.buffer(_WIDEST_M * frame.likely_metre))
-    share = along.length / edges.length
-    if share >= 1.0 - share:
+    if along.length >= edges.length - along.length:
         return features
+    share = along.length / edges.length
     warning = (
         f"walls are drawn along {share:.0%} of the edges of rooms: rooms bound the plan, and what is named "
         "wall is left out; give --layer with the kinds that are to be read"

@@ -26,6 +26,8 @@ STANDARD = ("level_id", "level")
 """Of IMDF, and of indoor maps in OpenStreetMap."""
 _RANGE = re.compile(r"(-?\d{1,3})-(-?\d{1,3})")
 """Of levels in OpenStreetMap; lists have semicolons."""
+_MOST_LEVELS = 200
+"""Of a range: the tallest building has 163. A file may have a range for each of its features."""
 _STOREY_NAMES = """
     level floor storey story etage niveau geschoss stockwerk planta piso andar piano livello
     verdieping bouwlaag plan vaning kerros pietro kat
@@ -112,7 +114,7 @@ def _listed(value: str) -> list[str]:
     levels = []
     for part in filter(None, (part.strip() for part in value.split(";"))):
         ends = _RANGE.fullmatch(part)
-        if ends is not None and int(ends[1]) <= int(ends[2]):
+        if ends is not None and 0 <= int(ends[2]) - int(ends[1]) < _MOST_LEVELS:
             levels += [str(level) for level in range(int(ends[1]), int(ends[2]) + 1)]
         else:
             levels.append(part)

@@ -51,7 +51,8 @@ def _opened(source: FileSource, name: str) -> cv2.FileStorage:
 def _matrix(node: cv2.FileNode, count: int, where: str) -> Float[np.ndarray, " count"]:
     # Number by number: OpenCV 5 makes a matrix whose columns are not told in memory that is not its own.
     data = node.getNode("data")
-    values = [data.at(i) for i in range(int(data.size()))]
+    # None has more than 16; each is counted to from the first.
+    values = [data.at(i) for i in range(min(int(data.size()), 16))]
     if len(values) < count or not all(one.isReal() or one.isInt() for one in values):
         raise ScanError(f"{where}: expected a matrix of {count} numbers, found none")
     return np.array([one.real() for one in values])
