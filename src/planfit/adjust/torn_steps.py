@@ -21,6 +21,7 @@ from planfit.matching.cycles import (
     SIGMA_ROTATION_DEG,
     SIGMA_TRANSLATION_M,
     is_near,
+    spanned_steps,
 )
 from planfit.matching.pose_graph import LoopGraph
 from planfit.scan.odometry import Odometry
@@ -120,8 +121,7 @@ def _are_witnessed(
     a, b = target_from_cams[edges.pairs].swapaxes(0, 1)
     exact = np.zeros(len(edges)), np.zeros(len(edges))
     agreeing = edges.pairs[is_near(edges.a_from_b, se3.inverse(a) @ b, exact)]
-    ends = [np.bincount(side, minlength=len(target_from_cams)) for side in np.sort(agreeing).T]
-    return np.cumsum(ends[0] - ends[1])[:-1] >= MIN_WITNESSES
+    return spanned_steps(np.sort(agreeing), len(target_from_cams) - 1, MIN_WITNESSES)
 
 
 def step_departures(

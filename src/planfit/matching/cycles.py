@@ -84,11 +84,13 @@ def told_by(
     return by_way_of(relative_poses, pairs, world_from_cams), (sigmas[0], sigmas[1])
 
 
-def spanned_steps(pairs: Int[np.ndarray, "p 2"], n_steps: int) -> Bool[np.ndarray, " s"]:
-    """Which steps (frame i to i + 1) lie between the frames of a pair."""
+def spanned_steps(
+    pairs: Int[np.ndarray, "p 2"], n_steps: int, least: int = 1
+) -> Bool[np.ndarray, " s"]:
+    """Which steps (frame i to i + 1) lie between the frames of a pair, or of so many at least."""
     # Pairs that begin less those that end, up to each step: how many span it.
     begun, ended = (np.bincount(side, minlength=n_steps + 1)[:n_steps] for side in pairs.T)
-    return np.cumsum(begun - ended) > 0
+    return np.cumsum(begun - ended) >= least
 
 
 def spans_any(

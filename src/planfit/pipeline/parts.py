@@ -294,10 +294,10 @@ def _likeliest(walk: _Walk, places: Sequence[_Place], or_unknown: bool) -> Int[n
     log = [place.log_likelihood for place in places] + [walk.unexplained(places[0])] * or_unknown
     n, n_places, n_states = len(log[0]), len(places), len(log)
     change = np.zeros((len(walk.recorded), n_states, n_states))  # step, from, to
+    unknown = np.where(walk.is_whole, -np.inf, -PRICE)
     for a, b in np.ndindex(n_states, n_states):
         if a != b:
             is_known = max(a, b) < n_places
-            unknown = np.where(walk.is_whole, -np.inf, -PRICE)
             odds = walk.log_odds(places[a], places[b]) if is_known else unknown
             change[:, a, b] = odds
     best, came_from = np.array([each[0] for each in log]), np.zeros((n, n_states), dtype=int)

@@ -280,11 +280,10 @@ def _opening_rows(
 def _rooms_section(rooms: Sequence[RoomAsBuilt]) -> str:
     """Areas and clear widths; nothing where no room is known or seen."""
     seen = [room for room in rooms if room.seen_share > 0]
-    count = (
-        f"Of {len(rooms)} {plural(len(rooms), 'room', 'rooms')} of the plan, {len(seen)} were seen."
-    )
     if not seen:
         return ""
+    were = plural(len(seen), "was", "were")
+    count = f"{len(seen)} of {len(rooms)} {plural(len(rooms), 'room', 'rooms')} of the plan {were} seen."
     rows = []
     for number, room in enumerate(seen, start=1):
         built = (area(a, spec, formatting.SPACE) for a, spec in (

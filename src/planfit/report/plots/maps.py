@@ -3,6 +3,7 @@ drawn, loop closures."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -115,17 +116,21 @@ class ScannedWall:
 def walls_to_show(result: RefineResult, as_built: AsBuilt) -> list[ScannedWall]:
     """Faces of the plan that stand elsewhere than drawn and of which enough patches were seen, the furthest
     first; where none does, the longest that was seen."""
-    seen = list(_scanned_walls(result, as_built))
-    moved = [one for one in seen if one.verdict is Verdict.MOVED]
-    if not moved:
-        return sorted(seen, key=lambda one: -one.wall.length_m)[:1]
-    return sorted(moved, key=lambda one: -abs(one.wall.offset_m))[:FEW_NAMED]
+    drawn = [(n, w) for n, w in enumerate(as_built.walls, 1) if w.face_idx >= 0 and w.is_standing]
+    moved = [each for each in drawn if as_built.verdict(each[1]) is Verdict.MOVED]
+    moved.sort(key=lambda each: -abs(each[1].offset_m))
+    drawn.sort(key=lambda each: -each[1].length_m)
+    shown = list(islice(_scanned(moved, result, as_built), FEW_NAMED))
+    return shown or list(islice(_scanned(drawn, result, as_built), 1))
 
 
-def _scanned_walls(result: RefineResult, as_built: AsBuilt) -> Iterator[ScannedWall]:
+def _scanned(
+    walls: Sequence[tuple[int, AsBuiltWall]], result: RefineResult, as_built: AsBuilt
+) -> Iterator[ScannedWall]:
+    """Those of which enough patches were seen."""
     patches = result.structure.walls
     normals, ends = wall_patches_in_plan(patches, result.plan_from_cams)
-    for number, wall in enumerate(as_built.walls, start=1):
+    for number, wall in walls:
         right = np.array([-wall.normal[1], wall.normal[0]])
         corner = wall.ends[np.argmin(wall.ends @ right)]
         axes = np.stack([right, wall.normal], axis=1)
@@ -134,7 +139,7 @@ def _scanned_walls(result: RefineResult, as_built: AsBuilt) -> Iterator[ScannedW
         own = facing > np.cos(np.deg2rad(PATCH_TURN_MOST_DEG.value))
         own &= np.abs(off_m - wall.offset_m) < WALL_AS_DRAWN_M.value
         own &= (along > 0) & (along < wall.length_m)
-        if wall.face_idx < 0 or own.sum() < MIN_PATCHES:
+        if own.sum() < MIN_PATCHES:
             continue
         shown = patches.of(own)
         poses = result.plan_from_cams[shown.point_frame_idx]
