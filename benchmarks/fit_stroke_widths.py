@@ -30,6 +30,7 @@ from planfit.floorplan.raster.picture import make_darkness
 from planfit.floorplan.raster.plan import shrink_to_read, shrunk
 from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
 from planfit.floorplan.raster.stroke_widths import FEATURES, kinds_of_strokes
+from planfit.floorplan.raster.text_lines import without_text
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 
@@ -66,7 +67,7 @@ def rows_of(name: str, image: np.ndarray, outline: np.ndarray, near_px: float) -
     """
     darkness = make_darkness(image, name)
     shrink = shrink_to_read(max(darkness.shape), may_enlarge=True)
-    small = without_bars(without_frame(shrunk(darkness, shrink)))
+    small = without_text(without_bars(without_frame(shrunk(darkness, shrink))))
     tree = cKDTree((outline + 0.5) / shrink - 0.5)
     near = max(near_px / shrink, real_plans.LEAST_NEAR_PX)
     ink = (small > INK).astype(np.uint8)

@@ -46,6 +46,7 @@ from planfit.floorplan.raster.sheet_marks import (
     without_frame,
     without_signs,
 )
+from planfit.floorplan.raster.text_lines import without_text
 from planfit.floorplan.raster.trace import settle_faces, straight_lengths
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import WallFaces
@@ -143,7 +144,7 @@ def _interpreted(
     small: Float[np.ndarray, "h w"], upright: Upright
 ) -> tuple[Float[np.ndarray, "h w"], Interpretation | None]:
     """A picture without frame and bars of the sheet, and what its dark regions are taken for."""
-    small = without_bars(without_frame(small))
+    small = without_text(without_bars(without_frame(small)))
     alone = find_walls_alone(small, upright.darkness)
     if alone is not None:
         return small, with_paler_walls(alone, small)

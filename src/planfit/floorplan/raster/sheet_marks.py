@@ -55,7 +55,7 @@ _ALONG_RIM = 0.1
 """Share of a side of the picture that is dark where a desk lies along it."""
 
 
-def _marks(
+def marks_of(
     darkness: Float[np.ndarray, "h w"],
 ) -> tuple[
     Int[np.ndarray, "h w"], Int[np.ndarray, "n 5"], Int[np.ndarray, "2"], Int[np.ndarray, "2"]
@@ -72,7 +72,7 @@ def _marks(
 def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """The picture with bars of titles blanked, dark with white letters along a side of what is drawn; the
     same where there are none."""
-    labels, stats, low, high = _marks(darkness)
+    labels, stats, low, high = marks_of(darkness)
     result = darkness
     for label in 1 + np.flatnonzero(stats[1:, 4] > _SPECK_PX):
         box = stats[label]
@@ -114,7 +114,7 @@ def _has_letters(mask: Bool[np.ndarray, "h w"]) -> bool:
 def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     """The picture with the frame blanked, or two frames of which one is in the other; the same where there is
     none."""
-    labels, stats, low, high = _marks(darkness)
+    labels, stats, low, high = marks_of(darkness)
     size = high - low
     if not size.any():
         return darkness

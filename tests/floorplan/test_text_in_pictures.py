@@ -1,0 +1,88 @@
+"""Titles and names of rooms in pictures are no walls, however bold; walls in pieces are no letters."""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from planfit.floorplan import Floorplan, read_floorplan
+
+WALL_PX = 12
+
+
+def flat() -> np.ndarray:
+    """Walls of five rooms, doors as gaps: 255 on paper."""
+    picture = np.full((1000, 1200), 255, np.uint8)
+    for u0, v0, u1, v1 in (
+        (100, 100, 1000, 100), (100, 700, 1000, 700), (100, 100, 100, 700), (1000, 100, 1000, 700),
+        (450, 100, 450, 350), (450, 430, 450, 700), (100, 400, 280, 400), (360, 400, 450, 400),
+        (450, 450, 700, 450), (780, 450, 1000, 450), (720, 100, 720, 300), (720, 380, 720, 450),
+    ):  # fmt: skip
+        half = WALL_PX // 2
+        picture[v0 - half : v1 + half, u0 - half : u1 + half] = 0
+    return picture
+
+
+def read(picture: np.ndarray, tmp_path) -> Floorplan:
+    path = tmp_path / "plan.png"
+    Image.fromarray(picture).save(path)
+    return read_floorplan(path)
+
+
+def write(picture: np.ndarray, words: str, at: tuple[int, int], height_px: int) -> None:
+    font, pen = cv2.FONT_HERSHEY_SIMPLEX, max(height_px // 5, 1)
+    size = cv2.getFontScaleFromHeight(font, height_px, pen)
+    cv2.putText(picture, words, at, font, size, 0, pen)
+
+
+def same_faces(a: Floorplan, b: Floorplan) -> bool:
+    if len(a.ends) != len(b.ends):
+        return False
+    ends = [each.ends[np.lexsort(each.ends.reshape(-1, 4).T.round(1))] for each in (a, b)]
+    return bool(np.abs(ends[0] - ends[1]).max() < 1.0)
+
+
+@pytest.mark.parametrize("height_px", [30, 50, 80])
+def test_a_bold_title_is_no_wall(height_px: int, tmp_path) -> None:
+    picture = flat()
+    write(picture, "GROUND FLOOR 1", (100, 820), height_px)
+    assert same_faces(read(picture, tmp_path), read(flat(), tmp_path))
+
+
+def test_a_title_along_the_side_is_no_wall(tmp_path) -> None:
+    beside = np.full((1200, 1000), 255, np.uint8)
+    write(beside, "GROUND FLOOR", (200, 60), 50)
+    picture = np.minimum(flat(), np.rot90(beside))
+    assert same_faces(read(picture, tmp_path), read(flat(), tmp_path))
+
+
+@pytest.mark.parametrize("height_px", [30, 56])
+def test_bold_names_of_rooms_are_no_walls_and_hide_none(height_px: int, tmp_path) -> None:
+    picture = flat()
+    for name, at in (("KITCHEN", (130, 200)), ("LIVING", (130, 600)), ("BEDROOM", (500, 600))):
+        write(picture, name, at, height_px)
+    assert same_faces(read(picture, tmp_path), read(flat(), tmp_path))
+
+
+@pytest.mark.parametrize("wall_px", [6, 12, 18])
+def test_a_building_in_pieces_is_no_text(wall_px: int, tmp_path) -> None:
+    # Cells on both sides of a corridor, windows and doors as gaps: rows of pieces as high, and close.
+    picture = np.full((420, 1400), 255, np.uint8)
+    columns = (100, 210, 360, 470, 590, 760, 870, 1010, 1120, 1260)
+    for top, bottom in ((60, 180), (240, 360)):
+        for u in columns:
+            picture[top : bottom + wall_px, u : u + wall_px] = 0
+        for v in (top, bottom):
+            picture[v : v + wall_px, columns[0] : columns[-1]] = 0
+            for left, right in pairwise(columns):
+                middle = (left + right + wall_px) // 2
+                picture[v : v + wall_px, middle - 20 : middle + 20] = 255
+    plan = read(picture, tmp_path)
+    low, high = plan.ends.reshape(-1, 2).min(axis=0), plan.ends.reshape(-1, 2).max(axis=0)
+    np.testing.assert_allclose(low, (100, -(360 + wall_px)), atol=2.0)
+    np.testing.assert_allclose(high, (1260 + wall_px, -60), atol=2.0)
+    across = np.ptp(plan.ends[:, :, 0], axis=1) < 1.0
+    lengths = np.linalg.norm(np.diff(plan.ends[across], axis=1)[:, 0], axis=1)
+    assert lengths.sum() > 0.9 * 2 * 2 * len(columns) * 120
