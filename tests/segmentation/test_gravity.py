@@ -39,6 +39,14 @@ def test_up_of_a_tilted_world_is_found(rotation_vector):
     assert_allclose(level[2, :3], [0, 0, 1], atol=np.deg2rad(0.3))
 
 
+@pytest.mark.parametrize("roll_deg", [-90, -75, 90, 100])
+def test_images_that_lie_on_their_side_are_told_by_what_keeps_its_direction(roll_deg):
+    # A phone held upright whose images are stored along its longer side.
+    roll = se3.make_transform(se3.exp_so3(np.array([0, 0, np.deg2rad(roll_deg)])), np.zeros(3))
+    scan = room_scan(VIEWS @ roll, noise_m=0.005, boxes=[((4, 0, 0), (5, 1, 0.8))])
+    assert angle_deg(find_gravity(scan, Runtime(1)).up_world, [0, 0, 1]) < 0.3
+
+
 def test_what_the_format_records_is_taken_as_it_is():
     scan = replace(room_scan(VIEWS), up_world=np.array([0.0, 1.0, 0.0]))
     gravity = find_gravity(scan, Runtime(1))

@@ -42,7 +42,8 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     """Up direction of a scan, in world axes.
 
     The fit begins at the most common normal among those within 40 degrees of the mean image-up
-    direction: floor and ceiling in most scans. Its sign comes from the cameras.
+    direction: floor and ceiling in most scans. Its sign comes from the cameras. Images of a phone that was
+    held upright may lie on their side: up is then along their rows.
     """
     if scan.up_world is not None:
         return Gravity(scan.up_world, 1.0, "recorded by the scan's format")
@@ -56,9 +57,21 @@ def find_gravity(scan: Scan, runtime: Runtime) -> Gravity:
     key = cache_key(scan.fingerprint, scan.world_from_cams[frames].tobytes())
     items = runtime.map("gravity", key, len(frames), normals_world)
     normals = np.concatenate([item["normals"] for item in items])
-    up_of_cameras = -scan.world_from_cams[:, :3, 1].mean(axis=0)
-    up_of_cameras /= max(float(np.linalg.norm(up_of_cameras)), 1e-9)
-    return most_common_upright(normals, up_of_cameras)
+    return most_common_upright(normals, _up_of_cameras(scan.world_from_cams[:, :3, :3], normals))
+
+
+def _up_of_cameras(
+    world_from_cams: Float[np.ndarray, "n 3 3"], normals: Float[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "3"]:
+    """Mean image-up direction, a unit vector, or one along the images' rows where that alone keeps its
+    direction as a walk turns about: the end of it that floors and tables face, which are seen more of than
+    ceilings."""
+    along, up = world_from_cams[:, :, 0].mean(axis=0), -world_from_cams[:, :, 1].mean(axis=0)
+    kept = np.cos(np.deg2rad(_MAX_TILT_DEG))
+    if np.linalg.norm(up) < kept < np.linalg.norm(along):
+        cosine = normals @ along
+        up = along * np.sign(cosine[np.abs(cosine) > kept].sum() + 1e-9)
+    return up / max(float(np.linalg.norm(up)), 1e-9)
 
 
 def oriented_points(
