@@ -6,7 +6,8 @@ Logistic regression on the kinds of strokes (`planfit.floorplan.raster.stroke_wi
 real ones of real_plans.py at all their sizes, pages of foreign_drawings.py, a drawn site and drawn flats,
 and, with --programs, flats of plan_programs.py. A kind is a wall's where most of its outline lies on the true
 one, and a pen's in families whose walls are lines. Prints weights, and how many kinds each source has
-wrong, fitted on all and on the other sources.
+wrong, fitted on all and on the other sources. Lines of text are left in, though planfit takes them out
+before: 12 of 165 kinds are told wrongly as they are, 21 without them, as letters show a pen's widths best.
 """
 
 import argparse
@@ -30,7 +31,6 @@ from planfit.floorplan.raster.picture import make_darkness
 from planfit.floorplan.raster.plan import shrink_to_read, shrunk
 from planfit.floorplan.raster.sheet_marks import without_bars, without_frame
 from planfit.floorplan.raster.stroke_widths import FEATURES, kinds_of_strokes
-from planfit.floorplan.raster.text_lines import without_text
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.geometry import segments
 
@@ -67,7 +67,7 @@ def rows_of(name: str, image: np.ndarray, outline: np.ndarray, near_px: float) -
     """
     darkness = make_darkness(image, name)
     shrink = shrink_to_read(max(darkness.shape), may_enlarge=True)
-    small = without_text(without_bars(without_frame(shrunk(darkness, shrink))))
+    small = without_bars(without_frame(shrunk(darkness, shrink)))
     tree = cKDTree((outline + 0.5) / shrink - 0.5)
     near = max(near_px / shrink, real_plans.LEAST_NEAR_PX)
     ink = (small > INK).astype(np.uint8)
