@@ -204,10 +204,18 @@ def find_pair(
     others = sorted(
         {one.place for one in (*colors, *depths)} - {pair.color.place, pair.depth.place}
     )
-    told = [
-        f"colour of {pair.color.place} and depth of {pair.depth.place} are read; not {', '.join(others)}"
-    ]
-    return Paired(pair.color, pair.depth, pair.frames, (*pair.told, *(told if others else ())))
+    told = list(pair.told)
+    if others:
+        told.append(
+            f"colour of {pair.color.place} and depth of {pair.depth.place} are read; not {', '.join(others)}"
+        )
+    beside = [one for one in (*colors, *depths) if one not in (pair.color, pair.depth)]
+    if n_left := sum(len(one.names) for one in beside if one.place not in others):
+        told.append(
+            f"{n_left} images beside {pair.color.pattern} and {pair.depth.pattern} were not read: their "
+            "names differ by more than a number"
+        )
+    return Paired(pair.color, pair.depth, pair.frames, tuple(told))
 
 
 def _may_be_depth(one: Series) -> bool:

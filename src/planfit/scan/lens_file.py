@@ -103,7 +103,10 @@ def _lens_of_values(
             None,
         )
     except (ValueError, OverflowError, KeyError, StopIteration) as error:
-        raise ScanError(f"{where}: expected {EXPECTED}, found {shorten(error)}") from error
+        # An end without a word is that of the search for fx, fy, cx, cy.
+        raise ScanError(
+            f"{where}: expected {EXPECTED}, found {shorten(error) or 'none'}"
+        ) from error
     kinds = (
         scalars.get(n, "") for n in ("distortion_model", "camera.type", "camera_model", "model")
     )

@@ -115,6 +115,10 @@ def no_scan_in_folder(source: FileSource, layouts: dict[str, FolderLayout]) -> S
             steps.append(
                 "add what is missing" if renamed else "copy or export the scan again, whole"
             )
+        if not any(has_part(source, part) for part in layouts[name].parts if part[-1] != "/"):
+            steps.append(
+                "or, of another program, say --format any-folder, with --poses FILE where poses lie elsewhere"
+            )
         of_which = f", of which {lacking} {verb} missing" if missing else ""
         much = "most" if 2 * len(missing) <= len(layouts[name].parts) else "a part"
         return ScanError(

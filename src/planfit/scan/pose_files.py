@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
+from planfit.scan.image_series import MIN_SHARED
 from planfit.scan.laser.cloud import MIN_SPAN_SHARE
 from planfit.scan.laser.trajectory import CLOCK_UNITS, clock_unit
 from planfit.scan.pose_columns import TUM, named_columns, parse_columns
@@ -195,16 +196,8 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
     Raises:
         ScanError: the file cannot be read, or its poses belong to none of the frames.
     """
-    table, told = read_poses(path), []
-    if table.kind == "tum":
-        table, told = in_seconds(table, scan.timestamps, max_gap_s, path.name)
-        is_clocked = are_of_a_clock(table.keys, table.poses[:, :3, 3])
-        if len(table.keys) == len(scan) and not is_clocked:
-            table = replace(table, keys=scan.timestamps)
-            told = [NO_CLOCK.format(f"times of {path.name}")]
-    poses, known = poses_of_frames(
-        scan.frame_ids, scan.timestamps, table, f"{path}: expected", max_gap_s
-    )
+    table = read_poses(path)
+    poses, known, told = poses_of_images(scan.frame_ids, scan.timestamps, table, path, max_gap_s)
     if not known.any():
         raise ScanError(
             f"{path}: expected poses at times between {scan.timestamps.min():.3f} and "
@@ -225,6 +218,43 @@ def take_poses(scan: Scan, path: Path, max_gap_s: float) -> Scan:
         skipped=(*scan.skipped, *without),
         warnings=tuple(dict.fromkeys((*scan.warnings, *told))),
     )
+
+
+def poses_of_images(
+    ids: Sequence[str],
+    times: Float[np.ndarray, " n"],
+    table: PoseTable,
+    path: Path,
+    max_gap_s: float,
+) -> tuple[Float[np.ndarray, "n 4 4"], Bool[np.ndarray, " n"], list[str]]:
+    """A pose for each image, whether it is known, and what to say of how they were told.
+
+    By time, or by row where there are as many and the times are none of a clock, or the images have none:
+    the first, second ... image was not taken one, two ... seconds after the epoch.
+
+    Raises:
+        ScanError: rows are not as many as images that have no times; names the file by `path`.
+    """
+    told: list[str] = []
+    numbers, where = _frame_numbers(ids), f"{path}: expected"
+    are_counted = numbers is not None and bool(
+        (numbers == times).all() and np.ptp(numbers) == len(numbers) - 1 and (table.keys % 1).any()
+    )
+    if table.kind == "tum":
+        if not are_counted:
+            table, told = in_seconds(table, times, max_gap_s, path.name)
+        is_clocked = are_of_a_clock(table.keys, table.poses[:, :3, 3])
+        if len(table.keys) == len(ids) and (are_counted or not is_clocked):
+            rows = f"images are numbered, {path.name} has times: rows are taken in order"
+            told = [rows if is_clocked else NO_CLOCK.format(f"times of {path.name}")]
+            return table.poses, ~is_lost(table.poses), told
+    poses, known = poses_of_frames(ids, times, table, where, max_gap_s)
+    if table.kind == "tum" and are_counted and known.mean() < MIN_SHARED:
+        raise ScanError(
+            f"{where} a row for each of {len(ids)} images, which are numbered {ids[0]} to {ids[-1]}, found "
+            f"{len(table.keys)} rows with times; write the numbers of the images in place of the times"
+        )
+    return poses, known, told
 
 
 def in_seconds(
@@ -294,4 +324,7 @@ def _numbers(rows: list[list[str]], path: Path) -> list[list[float]]:
     try:
         return [[float(word) for word in row] for row in rows]
     except ValueError as error:
-        raise ScanError(f"{path}: expected numbers alone, found {shorten(error)}") from error
+        raise ScanError(
+            f"{path}: expected numbers alone, or columns named in a first line (time,x,y,z,qx,qy,qz,qw; "
+            f"angles as quaternions), found {shorten(error)}"
+        ) from error

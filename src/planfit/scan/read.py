@@ -142,7 +142,8 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
     is_free = last is not None and (name == LAST or not is_of_known(source, known))
-    if last is not None and is_free and (options.poses is not None or last.recognise(source)):
+    is_asked = name == LAST or options.poses is not None
+    if last is not None and is_free and (is_asked or last.recognise(source)):
         return last.read(source, options), False
     if name != "auto":
         raise ScanError(

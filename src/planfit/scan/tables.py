@@ -18,6 +18,8 @@ MAX_QUOTED = 80
 _BEGIN_NUMBERS = tuple("+-0123456789")
 _BETWEEN_NUMBERS = re.compile(r"[\s;]+")
 _WITH_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_NO_NUMBER = re.compile(r"[+-]?1\.#(?:INF|IND|[QS]NAN)0*")
+"""As C libraries of Windows print what is infinite or none; no comment begins there."""
 _BETWEEN_COMMAS = re.compile(r"(?=.*,0\d)[+-]?\d+(?:,[+-]?\d+)*")
 """Whole numbers alone, one of which begins with 0 as decimals alone do."""
 
@@ -38,7 +40,7 @@ def read_rows(
     """
     rows = [
         [word.strip() for word in line.split("#")[0].split(separator)]
-        for line in read_text(source, name).splitlines()
+        for line in _NO_NUMBER.sub("nan", read_text(source, name)).splitlines()
         if line.split("#")[0].strip()
     ]
     if not rows:
@@ -168,7 +170,8 @@ def has_part(source: FileSource, part: str) -> bool:
     """Whether a file, a pattern or a folder (with a slash) is there; of `a|b`, one of them."""
     for one in part.split("|"):
         if one.endswith("/"):
-            if one[:-1] in source.folders() or source.names(one[:-1]):
+            inside, _, last = one[:-1].rpartition("/")
+            if (not inside or inside in source.folders()) and last in source.folders(inside):
                 return True
         elif "{}" in one:
             if Names(one).by_key(source):

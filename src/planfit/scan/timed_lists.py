@@ -57,7 +57,7 @@ def columns_of_list(
         ScanError: lines are of another form than `time filename` and `more`.
     """
     try:
-        times = np.array([float(with_decimal_point(row[column])) for row in rows])
+        times = np.array([_seconds(with_decimal_point(row[column])) for row in rows])
         names = [row[column + 1] for row in rows]
         if not np.isfinite(times).all():
             raise ValueError(" ".join(rows[int(np.argmin(np.isfinite(times)))]))
@@ -66,6 +66,13 @@ def columns_of_list(
             f"{source.path / file}: expected lines `time filename{more}`, found another ({shorten(error)})"
         ) from error
     return ImageList(file, times, names)
+
+
+def _seconds(word: str) -> float:
+    """A time, in s where it has as many digits as milli-, micro- or nanoseconds since 1970."""
+    whole = word.partition(".")[0]
+    of_1970 = whole.isdecimal() and len(whole) in (13, 16, 19)
+    return float(word) / 10.0 ** (len(whole) - 10 if of_1970 else 0)
 
 
 def image_lacked(color: int, depth: int) -> Image:

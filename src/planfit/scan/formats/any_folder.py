@@ -28,7 +28,7 @@ from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.lens_file import lens_of_text
 from planfit.scan.no_scan import nearest
-from planfit.scan.pose_files import PoseTable, in_seconds, parse_poses, poses_of_frames, read_poses
+from planfit.scan.pose_files import PoseTable, parse_poses, poses_of_images, read_poses
 from planfit.scan.poses import MAX_ROTATION_DEFECT, is_lost, write_pose
 from planfit.scan.recording import Frame, LensOfFrame, Size, write_trajectory
 from planfit.scan.source import FileSource, read_text
@@ -184,6 +184,8 @@ def _read_poses(source: FileSource, name: str) -> Poses:
         found = list(_matrices(json.loads(text)))
     except (ValueError, RecursionError) as error:
         raise ScanError(f"{path}: expected JSON, found text that is not ({error})") from error
+    if not found:
+        raise ScanError(f"{path}: expected matrices of 4x4 or 3x4 in JSON, found none")
     table = parse_poses("\n".join(_text(one) for _, one in found), path)
     keys = [last_number(key) for key, _ in found]
     return Poses(name, table, keys if all(keys) and len(set(keys)) == len(keys) else ())
@@ -196,15 +198,16 @@ def _text(rows: Float[np.ndarray, "r 4"]) -> str:
 def _matrices(value: Any, name: str = "") -> Iterator[tuple[str, Float[np.ndarray, "4 4"]]]:
     """Rigid transforms in JSON, in order, each with the image or the key that it stands under."""
     if isinstance(value, dict):
+        if {"rotation", "position"} <= value.keys():  # cameras.json of 3D Gaussian splatting
+            columns = [_array(value[key]).ravel() for key in ("rotation", "position")]
+            if [len(one) for one in columns] == [9, 3]:
+                value = value | {"rotation": np.c_[columns[0].reshape(3, 3), columns[1]].tolist()}
         image = next((v for v in value.values() if isinstance(v, str) and last_number(v)), "")
         for key, one in value.items():
             yield from _matrices(one, image or (key if last_number(key) else name))
     if not isinstance(value, list):
         return
-    try:
-        row = np.array(value, dtype=float)
-    except (ValueError, TypeError):
-        row = np.zeros(0)
+    row = _array(value)
     if row.shape not in ((4, 4), (3, 4), (16,), (12,)):
         for one in value:
             yield from _matrices(one, name)
@@ -214,6 +217,14 @@ def _matrices(value: Any, name: str = "") -> Iterator[tuple[str, Float[np.ndarra
         pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=MAX_ROTATION_DEFECT
     ):
         yield name, pose
+
+
+def _array(value: Any) -> Float[np.ndarray, "..."]:
+    """Numbers out of JSON; none where it holds anything else."""
+    try:
+        return np.array(value, dtype=float)
+    except (ValueError, TypeError, OverflowError):
+        return np.zeros(0)
 
 
 def _of_frames(
@@ -227,8 +238,8 @@ def _of_frames(
     ids, poses = pair.keys, np.full((len(times), 4, 4), np.nan)
     where, table = f"{source.path / recorded.name}: expected", recorded.table
     if not recorded.keys:
-        table, told = in_seconds(table, times, max_gap_s, recorded.name)
-        own, known = poses_of_frames(ids, times, table, where, max_gap_s)
+        path = source.path / recorded.name
+        own, known, told = poses_of_images(ids, times, table, path, max_gap_s)
         if not known.any() and len(table.keys) == len(ids):
             own, known = table.poses, ~is_lost(table.poses)
             told = [f"times of {recorded.name} are none of the images': rows are taken in order"]
@@ -350,12 +361,14 @@ ANY_FOLDER = FolderLayout(
     FOLDER/NAME_N.jpg    colour: rgb, color, image, img, frame, photo, left or cam in the name or folder
     FOLDER/NAME_N.png    depth: `depth` in them; 16-bit whole numbers, or metres as .npy, EXR or TIFF
     poses                a file a frame (4x4, 3x4, or x y z qx qy qz qw; .npy or JSON, too), or a table of
-                         all: TUM; 7, 12 or 16 numbers a row; matrices below each other; JSON
+                         all: TUM; 7, 12 or 16 numbers a row; matrices below each other; JSON, also the
+                         cameras.json of 3D Gaussian splatting
     lens                 YAML, JSON or text (fx fy cx cy or a matrix), of all frames or a file a frame; else
                          `--intrinsics FILE`: none is guessed
 
 Files belong together by the number or time in their names; where names count from other numbers, by order,
-which is told. Folders of masks, confidence, normals and labels are left aside. Of several cameras none is
+which is told. Where images are numbered one by one and poses have times, there must be a row for each
+image, in order. Folders of masks, confidence, normals and labels are left aside. Of several cameras none is
 chosen: name the folder of one, or its images with `--color-topic` and `--depth-topic`, and poses with
 `--pose-topic`. Depth is in millimetres unless a file of the lens states a scale. Depth must show what colour
 shows. A copy of another format that lacks files is refused, and what it lacks is named. Refined poses are

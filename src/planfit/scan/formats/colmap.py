@@ -111,7 +111,7 @@ COLMAP = FolderLayout(
     SCAN/images/ (or color/, rgb/)       colour, by the names of the model
     SCAN/depth/ (or depths/)             NAME.png 16-bit millimetres, or NAME.npy metres
     SCAN/stereo/depth_maps/              in its place: NAME.geometric.bin (else photometric) of COLMAP's own
-                                         patch_match_stereo
+                                         patch_match_stereo, in folders as the images are
 
 The model must be in metres, as the depth is: structure from motion alone does not know its scale. Refined
 poses are written as the model came, binary or text, with what the images observed, and without points, which

@@ -14,7 +14,7 @@ from planfit.scan.images.lens import Lens, make_camera
 from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import are_of_a_clock, check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Size, id_of_name
-from planfit.scan.source import FileSource
+from planfit.scan.source import FileSource, in_order
 from planfit.scan.tables import first_of, number_list, read_json
 from planfit.scan.types import ScanOptions
 
@@ -94,18 +94,27 @@ def _image_name(source: FileSource, name: str) -> str:
 
 def _times(listed: Sequence[object]) -> tuple[list[float], list[str]]:
     """`timestamp` of each frame where all have one, and what to say of them: NeRFCapture lists frames as they
-    were written, which is not as they were taken. Else their places in the list; also where the path would be
-    longer in the order of times, which then are of several clocks, or are durations."""
+    were written, which is not as they were taken. Else the places of their names in order, as nerfstudio has
+    them, or in the list; each where the path is no longer for it: times may be of several clocks, or
+    durations, names of several cameras."""
     places = [float(i) for i in range(len(listed))]
-    found = [item.get("timestamp") if isinstance(item, dict) else None for item in listed]
+    items = [item for item in listed if isinstance(item, dict)]
+    try:
+        matrices = [item.get("transform_matrix") for item in items]
+        positions = np.array(matrices, dtype=float).reshape(len(listed), 4, 4)[:, :3, 3]
+        names = [in_order(str(item.get("file_path"))) for item in items]
+        in_turn = sorted(range(len(names)), key=names.__getitem__)
+    except (ValueError, TypeError):
+        return places, []  # what is none is named when it is read
+    found = [item.get("timestamp") for item in items]
     times = [float(t) for t in found if isinstance(t, int | float) and np.isfinite(t)]
     if len(times) < len(listed):
-        return places, []
-    matrices = [item.get("transform_matrix") for item in listed if isinstance(item, dict)]
-    try:
-        positions = np.array(matrices, dtype=float).reshape(-1, 4, 4)[:, :3, 3]
-    except (ValueError, TypeError):
-        return times, []  # the matrix that is none is named when it is read
+        by_name = np.argsort(in_turn).astype(float)
+        if in_turn == list(range(len(listed))) or not are_of_a_clock(by_name, positions):
+            return places, []
+        return by_name.tolist(), [
+            f"frames are in the order of their names, not in that of the list in {NAME}"
+        ]
     if are_of_a_clock(np.array(times), positions):
         return times, []
     return places, [
@@ -179,8 +188,9 @@ first pixel: half a pixel more than ours. Depth is 16-bit in millimetres (nerfst
 of `integer_depth_scale` metres where the file has that (Instant-NGP, NeRFCapture, SplaTAM's captures).
 Floating-point numbers (`.npy`, TIFF, EXR) are metres; in `.npy` and TIFF millimetres, as nerfstudio has it,
 where half of them are beyond 200, which is told. A `file_path` without suffix is a .png or .jpg, as in
-Instant-NGP. Frames are taken in the order of their `timestamp` where all have one and the path is no longer
-for it; else in that of the list, which is told. The axes of the world are anyone's.
+Instant-NGP. Frames are taken in the order of their `timestamp` where all have one, else of their names, where
+the path is no longer for it; else in that of the list. Another order than that of the list by names, or in
+place of that of times, is told. The axes of the world are anyone's.
 """,
     expects="transforms.json with frames that have depth_file_path (or depth_path)",
     checked=(

@@ -1,6 +1,9 @@
 """The TUM RGB-D benchmark: images named by their time, three lists, poses of a motion capture system."""
 
+from dataclasses import replace
+
 import numpy as np
+from jaxtyping import Float
 
 from planfit.errors import ScanError
 from planfit.scan.images.lens import Lens, make_camera
@@ -33,7 +36,7 @@ DEFAULT = (525.0, 525.0, 319.5, 239.5)
 def _frames(source: FileSource, options: ScanOptions) -> Listing[tuple[float, ...]]:
     """Frames, and intrinsics and distortion of all of them."""
     color, depth, is_paired = _lists(source)
-    poses_name, table = _poses(source, options)
+    poses_name, table = _poses(source, options, (color or depth).times)
     name = poses_name or (options.poses.name if options.poses else "")
     gap_s = options.max_time_gap_s
     found = frames_of_lists(source.path, color, depth, table, name, gap_s, is_paired)
@@ -68,9 +71,11 @@ def _pose_file(source: FileSource) -> str:
     return next((name for end in ends for name in source.names() if name.endswith(end)), "")
 
 
-def _poses(source: FileSource, options: ScanOptions) -> tuple[str, PoseTable]:
+def _poses(
+    source: FileSource, options: ScanOptions, times: Float[np.ndarray, " n"]
+) -> tuple[str, PoseTable]:
     """The poses beside the images, and their file; where there are none, those of the tracker that the
-    options name."""
+    options name, a row each of the images at `times` where they have none."""
     if name := _pose_file(source):
         return name, read_poses_of(source, name)
     if options.poses is None:
@@ -78,6 +83,8 @@ def _poses(source: FileSource, options: ScanOptions) -> tuple[str, PoseTable]:
             f"{source.path}: expected poses in {POSES}, found none; give those of a tracker with --poses FILE"
         )
     table = read_poses(options.poses)
+    if table.kind != "tum" and len(table.keys) == len(times):
+        return "", replace(table, kind="tum", keys=times)
     if table.kind != "tum":
         raise ScanError(
             f"{options.poses}: expected poses with times, as {source.path} has no {POSES}, found none with "
@@ -126,7 +133,8 @@ The TUM RGB-D benchmark: images named by their time, three lists, poses of a mot
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
 Images of one list whose moment the other lacks are frames, too. Between poses at 10 Hz or more those of
-images are interpolated. Where times are none of a clock (they repeat, or the path is longer in their order
+images are interpolated. Times are seconds, or milli-, micro- or nanoseconds since 1970; poses without times are
+a row an image. Where times are none of a clock (they repeat, or the path is longer in their order
 than as listed), lists of equal length are taken line by line.
 
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration
