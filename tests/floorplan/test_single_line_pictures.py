@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import shapely
 
-from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan, read_floorplan
 
 ROOM = [(100, 120), (360, 120), (360, 300), (100, 300)]
@@ -58,14 +57,16 @@ def test_words_beside_lines_are_left_out(tmp_path: Path) -> None:
     is_word = (plan.ends[:, :, 1] > -120).all(axis=1) & (plan.ends[:, :, 0] > 480).all(axis=1)
     # Letters of straight strokes have the form of lines.
     assert plan.lengths[is_word].sum() < 0.05 * plan.lengths.sum()
-    assert plan.source.dropped_lines is not None
-    assert len(plan.source.dropped_lines) > 0
+    assert [words for words in plan.source.dropped if "letters" in words]
 
 
-def test_what_is_mostly_words_is_no_drawing_of_lines(tmp_path: Path) -> None:
+def test_ten_times_as_many_words_as_lines_change_none(tmp_path: Path) -> None:
     image = drawn(1)
     for x in range(480, 2780, 130):
         for y in range(40, 160, 14):
             cv2.putText(image, "Kitchen 12.5", (x, y), 0, 0.5, (20,) * 3, 1, cv2.LINE_AA)
-    with pytest.raises(FloorplanError, match="expected walls"):
-        read(image, tmp_path)
+    plan = read(image, tmp_path)
+    lines = shapely.union_all(shapely.linestrings(plan.ends * [1.0, -1.0]))
+    walls = shapely.union_all(shapely.linestrings(np.array(WALLS, dtype=float)))
+    assert shapely.length(shapely.difference(walls, shapely.buffer(lines, 0.8))) < 1.0
+    assert shapely.length(shapely.difference(lines, shapely.buffer(walls, 0.8))) < 1.0

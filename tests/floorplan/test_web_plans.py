@@ -356,3 +356,24 @@ def test_another_encoding_is_read_as_it_is(tmp_path: Path) -> None:
     text = whole.read_text().replace("<rect", '<rect xmlns:a="urn:a" a:b="1"')
     other.write_bytes(('<?xml version="1.0" encoding="UTF-16"?>' + text).encode("utf-16"))
     np.testing.assert_array_equal(read_floorplan(other).ends, read_floorplan(whole).ends)
+
+
+def test_names_that_would_leave_a_page_alone_are_not_believed(tmp_path: Path) -> None:
+    # Matplotlib calls the group that holds all that it draws `axes_1`, beside the page in `patch_1`.
+    page = '<g id="patch_1"><path d="M0 0H800V600H0Z" fill="#ffffff"/></g>'
+    drawn = f'<g id="figure_1">{page}<g id="axes_1">{"".join(outline())}</g></g>'
+    texts = "".join(outline()), drawn
+    plain, named = (svg(tmp_path / f"{k}.svg", text) for k, text in enumerate(texts))
+    found, expected = read_floorplan(named), read_floorplan(plain)
+    assert len(found) == len(expected)
+    assert found.lengths.sum() == pytest.approx(expected.lengths.sum())
+
+
+def test_a_style_for_strokes_of_walls_makes_no_walls_of_rooms(tmp_path: Path) -> None:
+    rooms = [box(*room, fill="#fefefe", stroke="#222", stroke_width="4") for room in ROOMS]
+    styled = [room.replace("<rect", '<rect class="room-fill wall-stroke"') for room in rooms]
+    plain, named = (
+        read_floorplan(svg(tmp_path / f"{k}.svg", *each)) for k, each in enumerate((rooms, styled))
+    )
+    assert drawn_share(named, WALLS) > 0.99
+    assert named.lengths.sum() == pytest.approx(plain.lengths.sum())

@@ -17,6 +17,7 @@ from planfit.floorplan.types import Floorplan
 from planfit.units import INCH_M
 
 _STRIP_PX = 256  # rows that are copied at a time
+_WHITE = 200  # of 255, what no darker ink on white paper can be read by
 
 
 def read_picture(path: Path, options: PlanOptions) -> Floorplan:
@@ -41,8 +42,18 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
     image, shrink = load_picture(path)
     plan = read_image(image, str(path), fingerprint, options, "raster picture", shrink)
     plan = replace(plan, source=replace(plan.source, is_picture=True))
-    plan = plan.with_warning(warning) if warning else plan
+    for each in filter(None, (warning, _other_pages(path))):
+        plan = plan.with_warning(each)
     return plan if georeference is None else place_on_map(plan, georeference)
+
+
+def _other_pages(path: Path) -> str:
+    """What to say of pages of a scanned document that are not read; empty where there is one."""
+    with Image.open(path) as file:
+        n_pages = getattr(file, "n_frames", 1) if file.format == "TIFF" else 1
+    if n_pages == 1:
+        return ""
+    return f"the first of {n_pages} pages is read: save another as a file of its own to read that"
 
 
 def _dots_per_inch(path: Path) -> float:
@@ -98,8 +109,8 @@ def fingerprint_with_mask(path: Path, options: PlanOptions) -> str:
 
 
 def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
-    """BGR, as a viewer shows it: transparent is white, EXIF rotations are made; and how many times it was
-    shrunk: 1 for all but huge pictures.
+    """BGR, as a viewer shows it: transparent is white, what is drawn in white alone on it black, EXIF
+    rotations are made; and how many times it was shrunk: 1 for all but huge pictures.
 
     Raises:
         FloorplanError: not a picture, damaged, or too large to be read in reasonable time.
@@ -125,6 +136,10 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
                 rgba = upright.convert("RGBA")
                 page = Image.new("RGB", rgba.size, "white")
                 page.paste(rgba, mask=rgba)
+                if page.convert("L").getextrema()[0] > _WHITE:
+                    page = Image.new("RGB", rgba.size, "black")
+                    page.paste(rgba, mask=rgba)
+                    page = ImageOps.invert(page)
             else:
                 page = upright if upright.mode == "RGB" else upright.convert("RGB")
             bgr = _to_bgr(page)

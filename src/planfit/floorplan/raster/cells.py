@@ -75,6 +75,9 @@ def find_wall_cells(
     thickness = cells.thickness
     is_wall = (thickness > 1.5) & (thickness < _FATTEST * extent_px)
     is_wall &= cells.outline / 2 > (ELONGATED + 1) * thickness
+    # What runs along the rim of the picture, and does not only end there, is the paper around.
+    rim = np.concatenate([labels[0], labels[-1], labels[1:-1, 0], labels[1:-1, -1]])
+    is_wall &= np.bincount(rim, minlength=count) < cells.outline / 2
     is_wall &= ~_are_stacked(cells, 2 * line_px + 2)
     for i in np.flatnonzero(is_wall):
         is_wall[i] = not _is_small_ring(labels, cells, int(i), _SMALL * extent_px)

@@ -33,6 +33,7 @@ from planfit.floorplan.raster.candidates import (
 from planfit.floorplan.raster.ink import ink_share, stroke_length
 from planfit.floorplan.raster.interpretation import (
     Interpretation,
+    are_patterns,
     interpret,
     measure_forms,
     worth_of_walls,
@@ -310,6 +311,7 @@ def _walls_beside(
     forms = measure_forms(pieces)
     thickness, outline = forms.thickness, forms.outline
     is_wall = (forms.reach > ELONGATED * thickness) & (forms.straight > _STRAIGHT * outline)
+    is_wall &= ~are_patterns(pieces, forms)
     near = shapely.buffer(around, 1.0, join_style="mitre")
     beside = shapely.intersection(shapely.boundary(pieces), near)
     is_wall &= shapely.length(beside) < _MOST_CONTACT * outline

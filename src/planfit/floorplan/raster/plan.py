@@ -97,7 +97,7 @@ def plan_of_picture(
         FloorplanError: too large or too small, blank, a photograph, or without walls.
     """
     check_size(name, image_bgr.shape[1], image_bgr.shape[0])
-    has_signs = False
+    has_signs, n_letters = False, 0
     if wall_mask is None:
         image_bgr, has_signs = without_signs(image_bgr)
         upright = _upright(image_bgr, name)
@@ -108,11 +108,13 @@ def plan_of_picture(
     shrink = shrink_to_read(max(upright.darkness.shape), may_enlarge=wall_mask is None)
     small = shrunk(upright.darkness, shrink)
     if wall_mask is None:
-        small, interpretation = _interpreted(small, upright)
+        small, interpretation, n_letters = _interpreted(small, upright)
         is_small = LINES_ENLARGED * max(small.shape) <= 1.5 * WORK_SIDE_PX
         if interpretation is not None and is_small and _are_lines_touching(interpretation):
             shrink /= LINES_ENLARGED
-            small, interpretation = _interpreted(shrunk(upright.darkness, shrink), upright)
+            small, interpretation, n_letters = _interpreted(
+                shrunk(upright.darkness, shrink), upright
+            )
     else:
         share = shrunk(rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate(WallStyle.GIVEN, (share > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
@@ -127,7 +129,9 @@ def plan_of_picture(
     plan = _to_floorplan(name, fingerprint, found, interpretation, upright, options, shrink)
     drawn = f"{kind}, walls {interpretation.style}"
     dropped = segments.moved(left_out(interpretation, ink, shrink), _picture_from(upright))
-    plan = replace(plan, source=replace(plan.source, kind=drawn, dropped_lines=dropped))
+    words = (f"{n_letters} letters of titles, names and notes",) if n_letters else ()
+    source = replace(plan.source, dropped=(*words, *plan.source.dropped))
+    plan = replace(plan, source=replace(source, kind=drawn, dropped_lines=dropped))
     if ink is not None:
         signs = SIGN_WORDS if has_signs else ""
         for words in filter(None, (photograph, surroundings_words(image_bgr), signs)):
@@ -142,15 +146,16 @@ def plan_of_picture(
 
 def _interpreted(
     small: Float[np.ndarray, "h w"], upright: Upright
-) -> tuple[Float[np.ndarray, "h w"], Interpretation | None]:
-    """A picture without frame and bars of the sheet, and what its dark regions are taken for."""
-    small = without_text(without_bars(without_frame(small)))
+) -> tuple[Float[np.ndarray, "h w"], Interpretation | None, int]:
+    """A picture without frame, bars and text of the sheet, what its dark regions are taken for, and how many
+    letters there were."""
+    small, n_letters = without_text(without_bars(without_frame(small)))
     alone = find_walls_alone(small, upright.darkness)
     if alone is not None:
-        return small, with_paler_walls(alone, small)
+        return small, with_paler_walls(alone, small), n_letters
     ink = (small > DARK).astype(np.uint8)
     found = choose(find_candidates(small), find_extent(small), ink)
-    return small, or_lines_alone(found, ink, upright.darkness)
+    return small, or_lines_alone(found, ink, upright.darkness), n_letters
 
 
 def _are_lines_touching(interpretation: Interpretation) -> bool:
@@ -376,7 +381,7 @@ def _warnings(
         result.append(f"each line is taken for a wall, of unknown side and thickness: {COMPARE}")
     if abs(upright.skew_deg) >= 0.1:
         result.append(
-            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are in its own axes"
+            f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are where the picture has them"
         )
     return tuple(result)
 

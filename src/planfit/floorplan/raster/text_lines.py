@@ -33,8 +33,8 @@ _VARIED = 0.05
 """Variation of the letters' widths and inks, of their means: pieces of wall in a row are alike."""
 
 
-def without_text(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """The picture with lines of text blanked; the same where there are none."""
+def without_text(darkness: Float[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w"], int]:
+    """The picture with lines of text blanked, and how many letters these had."""
     labels, stats, low, high = marks_of(darkness)
     strokes = (labels > 0).astype(np.uint8)
     inner = cv2.erode(strokes, np.ones((3, 3), np.uint8))
@@ -42,8 +42,8 @@ def without_text(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]
     thickness = 2 * stats[:, 4] / np.maximum(n_edge, 1)
     is_letter = _are_letters(stats, thickness, float((high - low).max()))
     if not is_letter.any():
-        return darkness
-    return np.where(is_letter[labels], np.float32(0.0), darkness)
+        return darkness, 0
+    return np.where(is_letter[labels], np.float32(0.0), darkness), int(is_letter.sum())
 
 
 def _are_letters(

@@ -112,8 +112,8 @@ _THINGS = """
 """
 """Of the words for what is no wall, those that a single shape is named by, first of all. Others name rooms as
 well (a layer `kitchen` holds furniture, a shape `kitchen` or `bed_2` is a room), or how text is set."""
-_LAYOUT = "column columns col cols colm structure"
-"""Words for walls by which pages of the web name parts of themselves."""
+_LAYOUT = "column columns col cols colm structure stroke"
+"""Words by which pages of the web name parts and styles of themselves, some of them words for walls."""
 _NO_WALL_ENDS = """
     fluchtweg fluchtwege rettungsweg rettungswege pfeil pfeile hilfslinie hilfslinien heizkorper heizkoerper
     mobel moebel bemassung beschriftung schraffur treppe treppen text texte gelander gelaender decke decken

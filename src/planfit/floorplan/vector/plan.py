@@ -167,16 +167,17 @@ def _only(
 
 
 def _roles(path: Path, drawing: VectorDrawing, options: PlanOptions) -> list[Role]:
-    """What each layer holds: as the user says, or by its name, unless no layer is left by that. Doors open
-    the walls of chosen layers, whichever layer they are on."""
+    """What each layer holds: as the user says, or by its name, unless no layer is left by that, or a page
+    alone, as beside the group `axes_1` of Matplotlib, which holds all that is drawn. Doors open the walls of
+    chosen layers, whichever layer they are on."""
     roles = [role_of(name) for name in drawing.layers]
     if options.layers:
         chosen = chosen_layers(path, options.layers, drawing.layers)
         roles = [role if role == Role.OPENING else Role.NO_WALL for role in roles]
         return [Role.WALL if own else role for own, role in zip(chosen, roles, strict=True)]
-    if all(role == Role.NO_WALL for role in roles):
-        return [Role.UNKNOWN] * len(roles)
-    return roles
+    of_lines = drawing.lines.layer.tolist()
+    others = [k for k in (*of_lines, *(f.layer for f in drawing.fills)) if roles[k] != Role.NO_WALL]
+    return roles if len(others) > 1 else [Role.UNKNOWN] * len(roles)
 
 
 def _walls_and_unit(

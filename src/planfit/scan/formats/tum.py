@@ -133,8 +133,8 @@ The TUM RGB-D benchmark: images named by their time, three lists, poses of a mot
     SCAN/calibration.txt        fx fy cx cy [k1 k2 p1 p2 [k3]] (optional; the form of ETH3D SLAM)
 
 Images of one list whose moment the other lacks are frames, too. Between poses at 10 Hz or more those of
-images are interpolated. Times are seconds, or milli-, micro- or nanoseconds since 1970; poses without times are
-a row an image. Where times are none of a clock (they repeat, or the path is longer in their order
+images are interpolated. Times are seconds, or milli-, micro- or nanoseconds since 1970; poses without
+times are a row an image. Where times are none of a clock (they repeat, or the path is longer in their order
 than as listed), lists of equal length are taken line by line.
 
 Depth is registered to colour; 16-bit, 5000 a metre, 0 where nothing was measured. Without a calibration

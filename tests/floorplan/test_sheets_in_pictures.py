@@ -1,4 +1,4 @@
-"""Titles and names of rooms in pictures are no walls, however bold; walls in pieces are no letters."""
+"""What pictures have beside walls: titles and names of rooms, however bold, other pages, no paper."""
 
 from itertools import pairwise
 
@@ -86,3 +86,57 @@ def test_a_building_in_pieces_is_no_text(wall_px: int, tmp_path) -> None:
     across = np.ptp(plan.ends[:, :, 0], axis=1) < 1.0
     lengths = np.linalg.norm(np.diff(plan.ends[across], axis=1)[:, 0], axis=1)
     assert lengths.sum() > 0.9 * 2 * 2 * len(columns) * 120
+
+
+def test_walls_drawn_in_white_on_nothing_are_those_in_black(tmp_path) -> None:
+    path = tmp_path / "white.png"
+    rgba = np.full((*flat().shape, 4), 255, np.uint8)
+    rgba[..., 3] = 255 - flat()
+    Image.fromarray(rgba).save(path)
+    assert same_faces(read_floorplan(path), read(flat(), tmp_path))
+
+
+@pytest.mark.parametrize("n_pages", [1, 3])
+def test_pages_of_a_scanned_document_that_are_not_read_are_told(n_pages: int, tmp_path) -> None:
+    path, page = tmp_path / "pages.tif", Image.fromarray(flat())
+    page.save(path, save_all=True, append_images=[page] * (n_pages - 1))
+    told = [words for words in read_floorplan(path).source.warnings if "pages" in words]
+    assert len(told) == (n_pages > 1)
+
+
+def shut(margin_px: int) -> np.ndarray:
+    """Walls with no gap to the outside, one partition, fittings in a finer pen, paper around: 255 on it."""
+    picture = flat()[80:720, 80:1020].copy()
+    picture[40:600, 40:350] = 255
+    picture[40:600, 380:900] = 255
+    for v in (150, 170, 190, 210, 480, 500, 520):
+        picture[v : v + 3, 30:140] = 0
+    picture[150:523, 140:143] = 0
+    return np.pad(picture, margin_px, constant_values=255)
+
+
+@pytest.mark.parametrize("margin_px", [0, 12, 30, 45, 90])
+def test_the_paper_around_walls_is_none_of_theirs(margin_px: int, tmp_path) -> None:
+    plan = read(shut(margin_px), tmp_path)
+    corners = plan.ends.reshape(-1, 2)
+    np.testing.assert_allclose(corners.min(axis=0), (14 + margin_px, -626 - margin_px), atol=2.0)
+    np.testing.assert_allclose(corners.max(axis=0), (926 + margin_px, -14 - margin_px), atol=2.0)
+    assert plan.lengths.sum() == pytest.approx(2 * (912 + 612 + 888 + 588) + 2 * 560, rel=0.1)
+
+
+@pytest.mark.parametrize("size", [1.0, 1.7, 2.6])
+def test_a_deck_of_planks_is_no_wall(size: float, tmp_path) -> None:
+    picture = flat()
+    for row in range(0, 16):
+        for column in range(0, 20):
+            u, v = 112 + 34 * column // 2 * 1, 420 + 34 * row // 2
+            if (row + column) % 2:
+                picture[v : v + 2, u : u + 16] = picture[v + 8 : v + 10, u : u + 16] = 150
+            else:
+                picture[v : v + 16, u : u + 2] = picture[v : v + 16, u + 8 : u + 10] = 150
+    plain, planked = (
+        cv2.resize(each, None, fx=size, fy=size, interpolation=cv2.INTER_CUBIC)
+        for each in (flat(), picture)
+    )
+    found = read(planked, tmp_path)
+    assert found.lengths.sum() < 1.05 * read(plain, tmp_path).lengths.sum()
