@@ -140,3 +140,21 @@ def test_a_deck_of_planks_is_no_wall(size: float, tmp_path) -> None:
     )
     found = read(planked, tmp_path)
     assert found.lengths.sum() < 1.05 * read(plain, tmp_path).lengths.sum()
+
+
+@pytest.mark.parametrize("turn", [0, 1])
+@pytest.mark.parametrize("narrower", [0.0, 0.06, 0.15])
+def test_a_sheet_that_was_photographed_at_a_slant_is_told(
+    narrower: float, turn: int, tmp_path
+) -> None:
+    picture = np.rot90(flat(), turn).copy()
+    height, width = picture.shape
+    corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], np.float32)
+    seen = corners + np.array(
+        [[narrower / 2 * width, 0], [-narrower / 2 * width, 0], [0, 0], [0, 0]]
+    )
+    warp = cv2.getPerspectiveTransform(corners, seen.astype(np.float32))
+    size = (width, height)
+    leaning = cv2.warpPerspective(picture, warp, size, borderValue=255, flags=cv2.INTER_CUBIC)
+    told = [words for words in read(leaning, tmp_path).source.warnings if "at a slant" in words]
+    assert len(told) == (narrower > 0)

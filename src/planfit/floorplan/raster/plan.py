@@ -41,6 +41,7 @@ from planfit.floorplan.raster.picture import (
 from planfit.floorplan.raster.sheet_marks import (
     SIGN_WORDS,
     photograph_words,
+    slant_words,
     surroundings_words,
     without_bars,
     without_frame,
@@ -133,8 +134,8 @@ def plan_of_picture(
     source = replace(plan.source, dropped=(*words, *plan.source.dropped))
     plan = replace(plan, source=replace(source, kind=drawn, dropped_lines=dropped))
     if ink is not None:
-        signs = SIGN_WORDS if has_signs else ""
-        for words in filter(None, (photograph, surroundings_words(image_bgr), signs)):
+        signs, slant = SIGN_WORDS if has_signs else "", slant_words(found.faces.ends)
+        for words in filter(None, (photograph, surroundings_words(image_bgr), signs, slant)):
             plan = plan.with_warning(words)
         plan = with_account(plan, ink, interpretation, shrink)
     if not plan.source.unit_from:

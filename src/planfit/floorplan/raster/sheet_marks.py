@@ -6,6 +6,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.raster.picture import DARK
+from planfit.geometry import segments
 
 _WIDE, _ALIKE = 0.08, 1.4
 """The outer line of a building of double lines is as far from the next line on all four sides, up to the
@@ -53,6 +54,11 @@ _THICK, _LEAST_DARK = 0.03, 0.02
 0.01 thick."""
 _ALONG_RIM = 0.1
 """Share of a side of the picture that is dark where a desk lies along it."""
+_SLANTED_DEG = 10.0
+"""Walls of an axis are within this of it."""
+_LEAN_DEG, _LEAN_SHARE = 1.5, 0.4
+"""By how much more walls lean on one side than on the other, and what of their slants that explains, where a
+sheet was photographed at a slant: 1.8 to 10 deg and 0.51 to 0.91; of 19 scans and drawings 0.3 deg, 0.02."""
 
 
 def marks_of(
@@ -278,4 +284,29 @@ def surroundings_words(image_bgr: UInt8[np.ndarray, "h w 3"]) -> str:
     return (
         f"the picture is dark along {n_sides} of its sides, as the desk around a photographed sheet is, "
         "whose edge may be read as wall: crop the picture to the sheet"
+    )
+
+
+def slant_words(ends: Float[np.ndarray, "n 2 2"]) -> str:
+    """A doubt where faces of one axis, px of the upright picture, lean the more the further they are to one
+    side, as lines that are parallel on a sheet do in perspective; else empty."""
+    along, length = segments.directions(ends), segments.lengths(ends)
+    most = 0.0
+    for axis in (0, 1):
+        across = 1 - axis
+        tangent = along[:, across] * np.sign(along[:, axis])
+        lean_deg = np.rad2deg(np.arctan2(tangent, np.abs(along[:, axis])))
+        is_own = np.abs(lean_deg) < _SLANTED_DEG
+        weight = length * is_own / max(float(length[is_own].sum()), 1e-9)
+        at = ends.mean(axis=1)[:, across]
+        at, lean = at - weight @ at, lean_deg - weight @ lean_deg
+        slope = (weight * at) @ lean / max(float((weight * at) @ at), 1e-9)
+        explained = 1.0 - weight @ (lean - slope * at) ** 2 / max(float(weight @ lean**2), 1e-9)
+        if explained > _LEAN_SHARE and is_own.any():
+            most = max(most, abs(float(slope * np.ptp(at[is_own]))))
+    if most < _LEAN_DEG:
+        return ""
+    return (
+        f"walls lean by {most:.1f} deg more on one side of the picture than on the other, as on a sheet that "
+        "was photographed at a slant: take it from straight above, or straighten it with an app that scans"
     )
