@@ -377,3 +377,25 @@ def test_a_style_for_strokes_of_walls_makes_no_walls_of_rooms(tmp_path: Path) ->
     )
     assert drawn_share(named, WALLS) > 0.99
     assert named.lengths.sum() == pytest.approx(plain.lengths.sum())
+
+
+def test_flats_along_a_corridor_are_no_faces_of_thick_walls(tmp_path: Path) -> None:
+    # Of a web map, drawn by one line each, a corridor and a street between lines nearer than rooms are wide.
+    style = {"fill": "#fff", "stroke": "#000"}
+    widths = [74, 82, 66, 74, 90, 70, 74, 78, 74, 68]
+    left = 60 + np.concatenate([[0], np.cumsum(widths)])
+    flats = [(x, y, w, 120) for y in (140, 284) for x, w in zip(left, widths, strict=False)]
+    flats.append((60, 260, float(left[-1]) - 60, 24))
+    street = '<path d="M40 96H870V124H40Q24 124 24 140V430H0V96Z" fill="#eaeaea" stroke="#000"/>'
+    path = svg(
+        tmp_path / "map.svg",
+        street,
+        *(box(*one, **style) for one in flats),
+        size='viewBox="0 0 900 560"',
+    )
+    plan = read_floorplan(path)
+    right = float(left[-1])
+    walls = [(60, y, right, y) for y in (140.0, 260.0, 284.0, 404.0)]
+    walls += [(x, y, x, y + 120) for x in left.tolist() for y in (140.0, 284.0)]
+    assert drawn_share(plan, walls) > 0.97
+    assert not plan.is_oriented.any()

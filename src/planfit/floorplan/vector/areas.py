@@ -140,7 +140,7 @@ def drawn_shares(
         is_near[place] = True
     near = is_near.reshape(len(rings), -1).mean(axis=1)
     drawn, whole = (np.bincount(of, w) for w in (near * lengths, lengths))
-    return drawn / whole
+    return drawn / np.maximum(whole, 1e-300)
 
 
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:

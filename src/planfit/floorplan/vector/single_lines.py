@@ -33,6 +33,9 @@ span. Of walls drawn as two lines 0.8 have."""
 NETWORK, NETWORK_SHARE, NETWORK_SPANS = 0.1, 0.5, 0.5
 """Rooms of single lines beside walls of two: of the drawing's size, the length of a group of lines that
 touch; of the faces of their layer, the length of all such; of the sides of the drawing, that they span."""
+ROOMS, COMPACT, EXPLAINED = 8, 50.0, 0.8
+"""Rooms that single lines close, as lines beside them may be of the next room: so many at least, with this
+perimeter squared over area at most (1:5 has 29, a wall 20 times as long as thick 88), of the length."""
 BESIDE_REACH = 0.01
 """Of the drawing's size, how near another line is beside one: half a metre of a floor of 50 m."""
 MAX_OUTLINE_LINES = 20_000
@@ -49,8 +52,9 @@ def single_line_walls(
     candidates: Candidates, thickness: Thickness, extent: float
 ) -> Bool[np.ndarray, " n"]:
     """Lines of the largest group that touch one another, where it spans the drawing and few of them have
-    another line beside them: rooms drawn by single lines, whatever stands along some of them; and what stands
-    alone without a closed outline, or is a block of rooms as long. None otherwise.
+    another line beside them, or nearly all are edges of rooms that they close: rooms drawn by single lines,
+    whatever stands along some of them; and what stands alone without a closed outline, or is a block of rooms
+    as long. None otherwise.
 
     Args:
         candidates: all lines that were looked at.
@@ -69,7 +73,7 @@ def single_line_walls(
     is_single = beside[found].sum() < BESIDE * length[found].sum()
     is_main = length[found].sum() > MAIN * length.sum()
     spans = bool((size > SPANNED * whole).all())
-    if not (is_single and is_main and spans):
+    if not (is_main and spans and (is_single or _are_edges_of_rooms(ends[found]))):
         return np.zeros(len(ends), dtype=bool)
     # Of the other groups those that enclose nothing: a wall between two doors stands alone.
     for other in np.setdiff1d(group, group[found]):
@@ -79,6 +83,17 @@ def single_line_walls(
         is_block &= beside[own].sum() < BESIDE * length[own].sum()
         found |= own & (len(areas) == 0 or bool(is_block))
     return found
+
+
+def _are_edges_of_rooms(ends: Float[np.ndarray, "n 2 2"]) -> bool:
+    """Whether lines close in rooms on both sides, where two faces of a wall would close in that too."""
+    if len(ends) > MAX_OUTLINE_LINES:
+        return False
+    lines = shapely.union_all(line_strings(ends))
+    cells = shapely.get_parts(shapely.polygonize([lines]))
+    rooms = cells[shapely.length(cells) ** 2 < COMPACT * shapely.area(cells)]
+    explained = shapely.union_all(shapely.boundary(rooms)).length
+    return len(rooms) >= ROOMS and explained > EXPLAINED * lines.length
 
 
 def _lengths_beside(
