@@ -246,6 +246,18 @@ def test_right_poses_are_those_of_no_body(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
+def test_what_explains_a_part_of_the_walk_is_no_mount(seed):
+    """As where a lens or depth is wrong: six parameters bend to a part of what does not fit."""
+    rng = np.random.default_rng(seed)
+    true = walk(rng, 120)
+    arm = se3.make_transform(se3.exp_so3(np.array([0.0, -0.3, 0.0])), np.array([0.0, 0.1, 0.23]))
+    seen = np.concatenate([true[:66] @ arm, true[66:]])
+    with pytest.raises(ScanError, match="look like mount:"):
+        judged(tracked(true, rng), measure(true @ arm, rng), "recorded")
+    assert judged(tracked(true, rng), measure(seen, rng), "auto").convention == "recorded"
+
+
+@pytest.mark.parametrize("seed", range(4))
 def test_few_frames_that_each_err_are_those_of_no_body(seed):
     """All motions of a frame err alike, as where depth and colour disagree: a mount fits a few by chance."""
     rng = np.random.default_rng(seed)

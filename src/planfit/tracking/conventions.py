@@ -318,12 +318,14 @@ def best_convention(
         mount = mount_named(mount_by_motions(world_from_cams, motions, odometry))
         mounted = apply_convention(world_from_cams, mount)
         found = _likelihood(mounted, motions, options, keyframe_idx)
-        more = share_of(mounted, found.factor) - share_of(poses, found.factor)
+        left, left_of_mount = (1 - share_of(each, found.factor) for each in (poses, mounted))
         gain = (best.cost - found.cost) / 2
         # Schwarz's price of six parameters; motions of one frame err together, so that frames count.
         n_frames = len(np.unique(motions.pairs))
         is_earned = gain * n_frames >= 3 * np.log(n_frames) + np.log(CLEAR_ODDS.value)
-        if is_earned and gain >= MIN_LOG_RATIO and more >= MIN_MORE:
+        # Six parameters bend to what lens or depth get wrong; a mount that is one leaves next to nothing.
+        is_more = left - left_of_mount >= max(MIN_MORE, left / 2)
+        if is_earned and gain >= MIN_LOG_RATIO and is_more:
             name, best, poses = mount, found, mounted
     share, asked_share = (share_of(each, best.factor) for each in (poses, as_asked))
     log_ratio = (of_asked.cost - best.cost) / 2
