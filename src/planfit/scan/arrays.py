@@ -1,7 +1,7 @@
 """`scan_from_arrays`: a scan of images that are in memory, without files."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ from jaxtyping import Float, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry.camera import Camera
+from planfit.scan.depth_checks import checked_depth
 from planfit.scan.images.decode import depth_from_metres
 from planfit.scan.images.lens import Lens
-from planfit.scan.read import check_depth_unit
 from planfit.scan.recording import Frame, Recording, Size, StoredImages, write_trajectory
 from planfit.scan.types import Label, Scan, ScanOptions
 from planfit.scan.usable_frames import scan_from_recording
@@ -91,7 +91,7 @@ def scan_from_arrays(
         depth_read_in_m=1.0,
     )
     scan = scan_from_recording(recording, options or ScanOptions())
-    return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
+    return checked_depth(scan)
 
 
 @dataclass(frozen=True)

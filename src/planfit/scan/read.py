@@ -4,17 +4,13 @@ path -> reader of its format -> Recording -> lens of a file -> Scan -> poses of 
 frames tolerated -> calibration
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from jaxtyping import Float
-
 from planfit.errors import OptionError, ScanError
 from planfit.runtime import archive_of, require_content
+from planfit.scan.depth_checks import checked_depth
 from planfit.scan.formats import LAST, READERS, format_of, layouts, whole_files
-from planfit.scan.images.decode import N_DEPTH_FRAMES, USUAL_DEPTH_M
 from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens, take_calibration
 from planfit.scan.no_scan import is_of_known, no_scan_in_file, no_scan_in_folder
@@ -50,55 +46,7 @@ def read_scan(path: str | Path, use_masks: bool = True, options: ScanOptions | N
     scan = tolerate_corrupt_frames(scan)
     if options.calibration is not None:
         scan = take_calibration(scan, options.calibration)
-    return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
-
-
-def median_depth_m(scan: Scan) -> float | None:
-    """Depth in the middle of the frames, by nine of them; None where none of these can be read.
-
-    Raises:
-        ScanError: nothing was measured in any of these frames.
-    """
-    medians, n_read = [], 0
-    for _, depth in depth_of_nine(scan):
-        n_read += 1
-        known = depth[np.isfinite(depth)]
-        if len(known):
-            medians.append(float(np.median(known)))
-    if not medians and n_read:
-        raise ScanError(
-            f"{scan.name}: expected depth, found no measurement in any of the {n_read} frames looked at; "
-            "export the scan again with depth"
-        )
-    return float(np.median(medians)) if medians else None
-
-
-def depth_of_nine(scan: Scan) -> Iterator[tuple[int, Float[np.ndarray, "h w"]]]:
-    """Nine frames from all over the scan, and their depth in m; without those that cannot be read."""
-    having = np.flatnonzero(np.array(scan.lacking) != "depth")
-    for i in having[np.unique(np.linspace(0, len(having) - 1, N_DEPTH_FRAMES).astype(int))]:
-        try:
-            depth = scan.files.depth(int(i))
-        except ScanError:
-            continue  # told when a stage asks for the frame
-        yield int(i), depth
-
-
-def check_depth_unit(scan: Scan) -> list[str]:
-    """Warnings about the depth of a scan, from nine of its frames: nothing, or a unit that cannot be right.
-
-    Raises:
-        ScanError: nothing was measured in any of these frames.
-    """
-    middle = median_depth_m(scan)
-    near_m, far_m = USUAL_DEPTH_M
-    if middle is None or near_m <= middle <= far_m:
-        return []
-    return [
-        f"half of the depth is below {middle:.3g} m, where {near_m:g} to {far_m:g} m are usual in a "
-        "building: is it in another unit? `planfit refine` takes a usual one where recorded motion agrees; "
-        "else say which with --depth-scale (metres of one stored unit)"
-    ]
+    return checked_depth(scan)
 
 
 def _check_path(path: Path) -> None:
