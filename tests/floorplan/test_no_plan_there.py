@@ -36,7 +36,8 @@ def test_a_folder_without_plans(tmp_path):
         ("site.laz", "a cloud of points"),
         ("site.e57", "a cloud of points"),
         ("plan.heic", "a picture; save it as PNG"),
-        ("plan.dgn", "export it as DXF, PDF or IFC"),
+        ("plan.dgn", "export it as DXF, SVG, PDF or IFC"),
+        ("plan.sh3d", "export it as SVG, DXF or PDF"),
     ],
 )
 def test_files_of_other_kinds(tmp_path, name, what):

@@ -60,7 +60,11 @@ _CONVERT = {
     ".skp": "a SketchUp model; export it as DXF, OBJ or IFC",
     **dict.fromkeys(
         (".dgn", ".dwf", ".dwfx", ".3dm", ".vsdx", ".vsd", ".fcstd", ".pln", ".blend", ".fbx"),
-        "a drawing or model of a program of its own; export it as DXF, PDF or IFC",
+        "a drawing or model of a program of its own; export it as DXF, SVG, PDF or IFC",
+    ),
+    **dict.fromkeys(
+        (".sh3d", ".fml", ".drawio"),
+        "a plan of a program of its own; export it as SVG, DXF or PDF",
     ),
     **dict.fromkeys(
         (".heic", ".heif", ".webp", ".gif", ".avif", ".psd", ".xcf"), "a picture; save it as PNG"

@@ -123,7 +123,7 @@ def _of_another_kind(content: object) -> str:
     parts = " and ".join(sorted(_OF_EDITORS & set(content)))
     return (
         f"the {parts or 'parts'} of another program's own form, which is not read; export the plan from that "
-        "program as DXF, SVG, PDF or IFC"
+        "program as DXF, SVG, PDF or IFC, or write its walls as 'planfit help formats' shows"
     )
 
 

@@ -13,11 +13,11 @@ from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.georeference import find_georeference, place_on_map
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import MAX_PIXELS, check_size, plan_of_picture, shrink_for_reading
+from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.types import Floorplan
 from planfit.units import INCH_M
 
 _STRIP_PX = 256  # rows that are copied at a time
-_WHITE = 200  # of 255, what no darker ink on white paper can be read by
 
 
 def read_picture(path: Path, options: PlanOptions) -> Floorplan:
@@ -136,7 +136,7 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
                 rgba = upright.convert("RGBA")
                 page = Image.new("RGB", rgba.size, "white")
                 page.paste(rgba, mask=rgba)
-                if page.convert("L").getextrema()[0] > _WHITE:
+                if page.convert("L").getextrema()[0] > 255 * (1 - DARK):  # nothing would be read
                     page = Image.new("RGB", rgba.size, "black")
                     page.paste(rgba, mask=rgba)
                     page = ImageOps.invert(page)
