@@ -399,3 +399,32 @@ def test_flats_along_a_corridor_are_no_faces_of_thick_walls(tmp_path: Path) -> N
     walls += [(x, y, x, y + 120) for x in left.tolist() for y in (140.0, 284.0)]
     assert drawn_share(plan, walls) > 0.97
     assert not plan.is_oriented.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_strokes_that_imitate_a_hand_are_straight(seed: int, tmp_path: Path) -> None:
+    # As rough.js draws for Excalidraw: each line twice, as curves that leave it by a pixel or two.
+    rng, strokes = np.random.default_rng(seed), []
+    for x0, y0, x1, y1 in [*WALLS, *WALLS]:
+        length = np.hypot(x1 - x0, y1 - y0)
+        across = np.array([y0 - y1, x1 - x0]) / length
+        bends = rng.uniform(-2.0, 2.0, 2)
+        a, b = (
+            np.array([x0, y0]) + t * np.array([x1 - x0, y1 - y0]) + bend * across
+            for t, bend in zip((0.3, 0.6), bends, strict=True)
+        )
+        strokes.append(
+            f'<path d="M{x0} {y0} C{a[0]:.2f} {a[1]:.2f}, {b[0]:.2f} {b[1]:.2f}, {x1} {y1}" stroke="#1e1e1e" '
+            'stroke-width="2" fill="none"/>'
+        )
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *strokes))
+    assert drawn_share(plan, WALLS) > 0.99
+
+
+def test_arcs_of_doors_stay_arcs_whatever_their_pen(tmp_path: Path) -> None:
+    door = '<path d="M386 300 A60 60 0 0 1 446 360" fill="none" stroke="#222" stroke-width="{}"/>'
+    plans = [
+        read_floorplan(svg(tmp_path / f"{pen}.svg", *outline(), door.format(pen)))
+        for pen in (0.5, 3)
+    ]
+    assert plans[0].lengths.sum() == pytest.approx(plans[1].lengths.sum())

@@ -320,7 +320,8 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
 
 def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: bool) -> None:
     try:
-        parts = sub_paths(SvgPath(shape))
+        pen_width = float(shape.stroke_width or 1.0) if is_drawn(shape.stroke) else 0.0
+        parts = sub_paths(SvgPath(shape), 1.5 * pen_width)
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     rings = [points for points, _ in parts]
@@ -356,9 +357,11 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     builder.texts.append(Text(text, xy_of(at), height * scale, builder.layer(layer)))
 
 
-def sub_paths(path: SvgPath) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
-    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved."""
-    result = SubPaths()
+def sub_paths(
+    path: SvgPath, slack: float = 0.0
+) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
+    """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved (`is_bent`)."""
+    result = SubPaths(slack)
     for segment in path.segments(transformed=True):
         if isinstance(segment, Move):
             result.move(xy_of(segment.end))
