@@ -136,7 +136,7 @@ def load_picture(path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], int]:
                 rgba = upright.convert("RGBA")
                 page = Image.new("RGB", rgba.size, "white")
                 page.paste(rgba, mask=rgba)
-                if page.convert("L").getextrema()[0] > 255 * (1 - DARK):  # nothing would be read
+                if np.asarray(page.convert("L")).min() > 255 * (1 - DARK):  # nothing would be read
                     page = Image.new("RGB", rgba.size, "black")
                     page.paste(rgba, mask=rgba)
                     page = ImageOps.invert(page)

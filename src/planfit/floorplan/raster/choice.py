@@ -52,7 +52,7 @@ _FACTORS = {
 _BASES, _LEAST_BASE = 4, 0.3
 """So many interpretations, of this share of the best one's score at least, are looked at for walls that
 others have beside theirs."""
-_ALL_INK = 0.95
+ALL_INK = 0.95
 """Of the ink, what walls are at least where nothing else is drawn."""
 _ENOUGH_INK = 0.4
 """Of the ink, what walls are at least in drawings full of furniture and words: 0.43 and more (measured)."""
@@ -114,7 +114,7 @@ def with_paler_walls(alone: Interpretation, darkness: Float[np.ndarray, "h w"]) 
         darkness: of the picture.
     """
     ink = (darkness > DARK).astype(np.uint8)
-    if ink_share(alone, ink) > _ALL_INK:
+    if ink_share(alone, ink) > ALL_INK:
         return alone
     extent_px = find_extent(darkness)
     weighed = _weighed(find_candidates(darkness), extent_px)

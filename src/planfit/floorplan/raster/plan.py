@@ -20,12 +20,19 @@ from planfit.floorplan.plans_on_sheet import (
 from planfit.floorplan.plausible import COMPARE, find_doubts
 from planfit.floorplan.raster.candidates import Candidate, WallStyle, find_candidates, find_extent
 from planfit.floorplan.raster.choice import (
+    ALL_INK,
     choose,
     find_walls_alone,
     or_lines_alone,
     with_paler_walls,
 )
-from planfit.floorplan.raster.ink import account_for, dropped_words, left_out, with_account
+from planfit.floorplan.raster.ink import (
+    account_for,
+    dropped_words,
+    ink_share,
+    left_out,
+    with_account,
+)
 from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
 from planfit.floorplan.raster.picture import (
     DARK,
@@ -151,10 +158,11 @@ def _interpreted(
     """A picture without frame, bars and text of the sheet, what its dark regions are taken for, and how many
     letters there were."""
     small, n_letters = without_text(without_bars(without_frame(small)))
-    alone = find_walls_alone(small, upright.darkness)
-    if alone is not None:
-        return small, with_paler_walls(alone, small), n_letters
     ink = (small > DARK).astype(np.uint8)
+    alone = find_walls_alone(small, upright.darkness)
+    # Where there were words, other things than walls are drawn, unless no ink is left for them.
+    if alone is not None and (n_letters == 0 or ink_share(alone, ink) > ALL_INK):
+        return small, with_paler_walls(alone, small), n_letters
     found = choose(find_candidates(small), find_extent(small), ink)
     return small, or_lines_alone(found, ink, upright.darkness), n_letters
 
