@@ -191,7 +191,7 @@ def few_houses() -> np.ndarray:
     (filled_section(), "is it a section"),
     (sketch_of_two_lines(), "a sketch by hand"),
     (bar_chart(), "none closes in a room"),
-    (few_houses(), "houses of a site plan"),
+    (few_houses(), "probably no floorplan"),
 ])  # fmt: skip
 def test_what_was_read_without_a_word_is_said_to_be_doubtful(image: np.ndarray, words: str) -> None:
     assert any(words in warning for warning in read(image).source.warnings)

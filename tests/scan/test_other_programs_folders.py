@@ -175,3 +175,13 @@ def test_a_scan_of_another_program_is_told_what_its_poses_lack(name, text, words
     assert name in str(caught.value)
     assert words in str(caught.value)
     assert "--poses FILE" in str(caught.value)
+
+
+def test_numbers_of_hundreds_of_digits_are_none(sample, tmp_path):
+    numbered(tmp_path, sample)
+    put(tmp_path / "poses.json", f'{{"frames": [[{10**400}]]}}')
+    assert_allclose(read_scan(tmp_path).world_from_cams, sample.poses, atol=2e-6)
+    (tmp_path / "intrinsics.txt").unlink()
+    put(tmp_path / "intrinsics.json", f'{{"camera_matrix": [{10**400}, 0, 1]}}')
+    with pytest.raises(ScanError, match="expected a file with the lens"):
+        read_scan(tmp_path)

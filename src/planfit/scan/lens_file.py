@@ -177,7 +177,7 @@ def _flat(value: object) -> list[float]:
     """All numbers of a list of them or of lists; none where it holds anything else."""
     try:
         return np.array(value, dtype=float).ravel().tolist()
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, OverflowError):
         return []
 
 
