@@ -104,6 +104,16 @@ def test_pages_of_a_scanned_document_that_are_not_read_are_told(n_pages: int, tm
     assert len(told) == (n_pages > 1)
 
 
+def test_the_first_page_is_read_of_a_document_that_is_cut_off_behind_it(tmp_path) -> None:
+    path, page = tmp_path / "pages.tif", Image.fromarray(flat())
+    page.save(path, save_all=True, append_images=[page] * 5)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    plan = read_floorplan(path)
+    assert same_faces(plan, read(flat(), tmp_path))
+    assert [words for words in plan.source.warnings if "page is read" in words]
+
+
 def shut(margin_px: int) -> np.ndarray:
     """Walls with no gap to the outside, one partition, fittings in a finer pen, paper around: 255 on it."""
     picture = flat()[80:720, 80:1020].copy()

@@ -185,3 +185,12 @@ def test_numbers_of_hundreds_of_digits_are_none(sample, tmp_path):
     put(tmp_path / "intrinsics.json", f'{{"camera_matrix": [{10**400}, 0, 1]}}')
     with pytest.raises(ScanError, match="expected a file with the lens"):
         read_scan(tmp_path)
+
+
+def test_a_matrix_with_a_number_of_hundreds_of_digits_is_named(sample, tmp_path):
+    write_nerfstudio(tmp_path, sample)
+    content = json.loads((tmp_path / "transforms.json").read_text())
+    content["frames"][2]["transform_matrix"][0][3] = 10**400
+    put(tmp_path / "transforms.json", json.dumps(content))
+    with pytest.raises(ScanError, match="frame 2, transform_matrix"):
+        read_scan(tmp_path)

@@ -1,6 +1,6 @@
 """What nine frames tell of a scan's depth: its unit, and along what it was measured."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +29,8 @@ def checked_depth(scan: Scan) -> Scan:
     Raises:
         ScanError: nothing was measured in any of nine frames.
     """
-    share, n_places = flatter_along_rays(scan)
+    depths = dict(depth_of_nine(scan))
+    share, n_places = flatter_along_rays(scan.cameras, depths)
     if n_places >= _LEAST_PLACES and share > _MOST_FLATTER:
         told = (
             f"depth was measured along each pixel's ray, as {share:.0%} of {n_places} flat places show: it "
@@ -38,18 +39,26 @@ def checked_depth(scan: Scan) -> Scan:
         mark = f"{scan.fingerprint}-rays" if scan.fingerprint else ""
         files = RayFiles(scan.files, scan.cameras)
         scan = replace(scan, files=files, fingerprint=mark, warnings=(*scan.warnings, told))
-    return replace(scan, warnings=(*scan.warnings, *check_depth_unit(scan)))
+        depths = {i: along_axis(scan.cameras[i], depth) for i, depth in depths.items()}
+    middle = _median_m(scan.name, depths.values())
+    return replace(scan, warnings=(*scan.warnings, *check_depth_unit(middle)))
 
 
-def flatter_along_rays(scan: Scan) -> tuple[float, int]:
+def flatter_along_rays(
+    cameras: Sequence[Camera], depths: Mapping[int, Float[np.ndarray, "_ _"]]
+) -> tuple[float, int]:
     """Share of flat places that are flatter where depth is taken as measured along the rays of pixels, 0
     unless they are so by far; and how many places were looked at.
 
     Depth of a plane along the axis has an inverse that is linear in the image.
+
+    Args:
+        cameras: of all frames.
+        depths: of some, m, by their index.
     """
     ratios: list[float] = []
-    for i, depth in depth_of_nine(scan):
-        camera = scan.cameras[i]
+    for i, depth in depths.items():
+        camera = cameras[i]
         x, y = (each[::_STEP_PX, ::_STEP_PX] for each in _directions(camera, depth.shape))
         inverse = 1 / depth[::_STEP_PX, ::_STEP_PX]
         height, width = (max(side // _SIDE, 3) for side in inverse.shape)
@@ -93,6 +102,12 @@ def _directions(
     return points[..., 0], points[..., 1]
 
 
+def along_axis(camera: Camera, distances: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Depth along the axis, float32, of distances along the rays of pixels, both in m."""
+    x, y = _directions(camera, distances.shape)
+    return (distances / np.sqrt(1 + x**2 + y**2)).astype(np.float32)
+
+
 @dataclass(frozen=True)
 class RayFiles(FilesView):
     """A scan's files, whose depth was measured along rays."""
@@ -101,9 +116,7 @@ class RayFiles(FilesView):
 
     def depth(self, frame_idx: int) -> Float[np.ndarray, "h w"]:
         """Depth along the axis, float32 m, NaN where nothing was measured."""
-        depth = self.files.depth(frame_idx)
-        x, y = _directions(self.cameras[frame_idx], depth.shape)
-        return (depth / np.sqrt(1 + x**2 + y**2)).astype(np.float32)
+        return along_axis(self.cameras[frame_idx], self.files.depth(frame_idx))
 
 
 def median_depth_m(scan: Scan) -> float | None:
@@ -112,15 +125,19 @@ def median_depth_m(scan: Scan) -> float | None:
     Raises:
         ScanError: nothing was measured in any of these frames.
     """
+    return _median_m(scan.name, (depth for _, depth in depth_of_nine(scan)))
+
+
+def _median_m(name: str, depths: Iterable[Float[np.ndarray, "_ _"]]) -> float | None:
     medians, n_read = [], 0
-    for _, depth in depth_of_nine(scan):
+    for depth in depths:
         n_read += 1
         known = depth[np.isfinite(depth)]
         if len(known):
             medians.append(float(np.median(known)))
     if not medians and n_read:
         raise ScanError(
-            f"{scan.name}: expected depth, found no measurement in any of the {n_read} frames looked at; "
+            f"{name}: expected depth, found no measurement in any of the {n_read} frames looked at; "
             "export the scan again with depth"
         )
     return float(np.median(medians)) if medians else None
@@ -137,13 +154,8 @@ def depth_of_nine(scan: Scan) -> Iterator[tuple[int, Float[np.ndarray, "h w"]]]:
         yield int(i), depth
 
 
-def check_depth_unit(scan: Scan) -> list[str]:
-    """Warnings about the depth of a scan, from nine of its frames: nothing, or a unit that cannot be right.
-
-    Raises:
-        ScanError: nothing was measured in any of these frames.
-    """
-    middle = median_depth_m(scan)
+def check_depth_unit(middle: float | None) -> list[str]:
+    """Warnings about depth whose median (m) this is: nothing, or a unit that cannot be right."""
     near_m, far_m = USUAL_DEPTH_M
     if middle is None or near_m <= middle <= far_m:
         return []

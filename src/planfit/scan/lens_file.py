@@ -17,7 +17,7 @@ from planfit.runtime import write_whole
 from planfit.scan.formats.colmap_model import MODELS, camera_of_words
 from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
 from planfit.scan.recording import Frame, LensOfFrame, Size
-from planfit.scan.tables import number_table, shorten
+from planfit.scan.tables import number_table, numbers_of, shorten
 from planfit.scan.types import Scan
 from planfit.scan.views import calibrated_scan
 
@@ -163,7 +163,11 @@ def _lenses_of_json(value: object, where: str, name: str = "") -> Iterator[tuple
     values = {str(key).lower(): one for key, one in value.items()}
     for key in [key for key in values if "dist" in key and isinstance(values[key], dict)]:
         values |= {str(name).lower(): one for name, one in values[key].items()}
-    lists = {key: _flat(one) for key, one in values.items() if isinstance(one, list)}
+    lists = {
+        key: numbers_of(one).ravel().tolist()
+        for key, one in values.items()
+        if isinstance(one, list)
+    }
     try:
         yield name, _lens_of_values({k: v for k, v in lists.items() if v}, values, where)
     except ScanError:
@@ -171,14 +175,6 @@ def _lenses_of_json(value: object, where: str, name: str = "") -> Iterator[tuple
             raise
         for key, one in values.items():
             yield from _lenses_of_json(one, where, f"{name}.{key}")
-
-
-def _flat(value: object) -> list[float]:
-    """All numbers of a list of them or of lists; none where it holds anything else."""
-    try:
-        return np.array(value, dtype=float).ravel().tolist()
-    except (ValueError, TypeError, OverflowError):
-        return []
 
 
 def read_lens(path: Path) -> LensOfFrame:

@@ -151,6 +151,14 @@ def parse_json(text: str, path: Path) -> dict[str, Any]:
     return value
 
 
+def numbers_of(value: object) -> Float[np.ndarray, "..."]:
+    """Numbers out of JSON, in lists of any depth; none where it holds anything else."""
+    try:
+        return np.array(value, dtype=float)
+    except (ValueError, TypeError, OverflowError):
+        return np.zeros(0)
+
+
 def number_list(value: object, count: int, where: str) -> Float[np.ndarray, " count"]:
     """`count` numbers out of JSON, flattened.
 

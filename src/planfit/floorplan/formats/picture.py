@@ -49,8 +49,11 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
 
 def _other_pages(path: Path) -> str:
     """What to say of pages of a scanned document that are not read; empty where there is one."""
-    with Image.open(path) as file:
-        n_pages = getattr(file, "n_frames", 1) if file.format == "TIFF" else 1
+    with warnings.catch_warnings(action="ignore"), Image.open(path) as file:
+        try:
+            n_pages = getattr(file, "n_frames", 1) if file.format == "TIFF" else 1
+        except (OSError, ValueError, TypeError, SyntaxError, KeyError):
+            return "the first page is read: what follows it in the file is damaged"
     if n_pages == 1:
         return ""
     return f"the first of {n_pages} pages is read: save another as a file of its own to read that"

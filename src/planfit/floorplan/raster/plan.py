@@ -120,9 +120,8 @@ def plan_of_picture(
         is_small = LINES_ENLARGED * max(small.shape) <= 1.5 * WORK_SIDE_PX
         if interpretation is not None and is_small and _are_lines_touching(interpretation):
             shrink /= LINES_ENLARGED
-            small, interpretation, n_letters = _interpreted(
-                shrunk(upright.darkness, shrink), upright
-            )
+            small = shrunk(upright.darkness, shrink)
+            small, interpretation, n_letters = _interpreted(small, upright)
     else:
         share = shrunk(rotated(wall_mask.astype(np.float32), upright), shrink)
         given = Candidate(WallStyle.GIVEN, (share > 0.5).astype(np.uint8), "mask", 0.5, 0.0, 1.0)
@@ -160,9 +159,11 @@ def _interpreted(
     small, n_letters = without_text(without_bars(without_frame(small)))
     ink = (small > DARK).astype(np.uint8)
     alone = find_walls_alone(small, upright.darkness)
+    if alone is not None and n_letters == 0:
+        return small, with_paler_walls(alone, small), 0
     # Where there were words, other things than walls are drawn, unless no ink is left for them.
-    if alone is not None and (n_letters == 0 or ink_share(alone, ink) > ALL_INK):
-        return small, with_paler_walls(alone, small), n_letters
+    if alone is not None and ink_share(alone, ink) > ALL_INK:
+        return small, alone, n_letters
     found = choose(find_candidates(small), find_extent(small), ink)
     return small, or_lines_alone(found, ink, upright.darkness), n_letters
 

@@ -25,18 +25,19 @@ from planfit.geometry import segments
 
 SEGMENTS_A_CUBIC = 12
 """A quarter circle then strays by 0.2 % of its radius, a millimetre in a door's arc."""
-BY_HAND = 0.02
-"""Of its length, what a straight stroke bends at most where programs imitate a hand (rough.js: 0.015)."""
+BY_HAND, BY_HAND_PENS = 0.02, 1.5
+"""Of its length, and in widths of its pen, what a straight stroke bends at most where programs imitate a hand
+(rough.js: 0.015 of short ones, 1.2 pens)."""
 MAX_LINES = 100_000
 """More of them, in 3 MB, do not show in a picture of 1600 px: those left off are the shortest."""
 
 
 def flatten_cubic(
-    controls: Float[np.ndarray, "4 2"], slack: float = 0.0
+    controls: Float[np.ndarray, "4 2"], pen_width: float = 0.0
 ) -> tuple[Float[np.ndarray, "k 2"], bool]:
     """Points along a cubic with control points, its first left out, and whether it bends (`is_bent`); a
     straight one is one segment."""
-    if not is_bent(controls, slack):
+    if not is_bent(controls, pen_width):
         return controls[3:], False
     t = (np.arange(1, SEGMENTS_A_CUBIC + 1) / SEGMENTS_A_CUBIC)[:, None]
     s = 1 - t
@@ -49,22 +50,21 @@ def flatten_cubic(
     return points, True
 
 
-def is_bent(points: Float[np.ndarray, "n 2"], slack: float = 0.0) -> bool:
+def is_bent(points: Float[np.ndarray, "n 2"], pen_width: float = 0.0) -> bool:
     """Whether a curve through points, or with these control points, leaves its chord: some programs write
-    straight walls as curves. Of one that others draw as if by hand the strokes do by `slack` at most, and by
-    little of their length."""
+    straight walls as curves, others draw them as if by hand with a pen so wide."""
     chord, offset = points[-1] - points[0], points - points[0]
     length = float(np.hypot(*chord))
     across = np.abs(offset[:, 0] * chord[1] - offset[:, 1] * chord[0])
-    return not across.max() < max(1e-3 * length, min(slack, BY_HAND * length)) * length
+    by_hand = min(BY_HAND_PENS * pen_width, BY_HAND * length)
+    return not across.max() < max(1e-3 * length, by_hand) * length
 
 
 class SubPaths:
     """The sub-paths of a path of a file, whose points are added one after the other."""
 
-    def __init__(self, slack: float = 0.0) -> None:
-        self.slack = slack
-        """See `is_bent`."""
+    def __init__(self, pen_width: float = 0.0) -> None:
+        self._pen_width = pen_width
         self._points: list[np.ndarray] = []
         self._curved: list[bool] = []
         self._found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -91,7 +91,7 @@ class SubPaths:
 
     def cubic(self, controls: Float[np.ndarray, "4 2"]) -> None:
         """A curve by its control points, the first of which is where the path is."""
-        flat, is_bent = flatten_cubic(controls, self.slack)
+        flat, is_bent = flatten_cubic(controls, self._pen_width)
         self._points.extend(flat)
         self._curved.extend([is_bent] * len(flat))
 

@@ -32,6 +32,7 @@ from planfit.scan.pose_files import PoseTable, parse_poses, poses_of_images, rea
 from planfit.scan.poses import MAX_ROTATION_DEFECT, is_lost, write_pose
 from planfit.scan.recording import Frame, LensOfFrame, Size, write_trajectory
 from planfit.scan.source import FileSource, read_text
+from planfit.scan.tables import numbers_of
 from planfit.scan.types import ScanOptions
 
 T = TypeVar("T")
@@ -199,7 +200,7 @@ def _matrices(value: Any, name: str = "") -> Iterator[tuple[str, Float[np.ndarra
     """Rigid transforms in JSON, in order, each with the image or the key that it stands under."""
     if isinstance(value, dict):
         if {"rotation", "position"} <= value.keys():  # cameras.json of 3D Gaussian splatting
-            columns = [_array(value[key]).ravel() for key in ("rotation", "position")]
+            columns = [numbers_of(value[key]).ravel() for key in ("rotation", "position")]
             if [len(one) for one in columns] == [9, 3]:
                 value = value | {"rotation": np.c_[columns[0].reshape(3, 3), columns[1]].tolist()}
         image = next((v for v in value.values() if isinstance(v, str) and last_number(v)), "")
@@ -207,7 +208,7 @@ def _matrices(value: Any, name: str = "") -> Iterator[tuple[str, Float[np.ndarra
             yield from _matrices(one, image or (key if last_number(key) else name))
     if not isinstance(value, list):
         return
-    row = _array(value)
+    row = numbers_of(value)
     if row.shape not in ((4, 4), (3, 4), (16,), (12,)):
         for one in value:
             yield from _matrices(one, name)
@@ -217,14 +218,6 @@ def _matrices(value: Any, name: str = "") -> Iterator[tuple[str, Float[np.ndarra
         pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=MAX_ROTATION_DEFECT
     ):
         yield name, pose
-
-
-def _array(value: Any) -> Float[np.ndarray, "..."]:
-    """Numbers out of JSON; none where it holds anything else."""
-    try:
-        return np.array(value, dtype=float)
-    except (ValueError, TypeError, OverflowError):
-        return np.zeros(0)
 
 
 def _of_frames(

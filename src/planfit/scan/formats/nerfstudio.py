@@ -15,7 +15,7 @@ from planfit.scan.layout import FolderLayout, Listing, Refined, each_frame
 from planfit.scan.poses import are_of_a_clock, check_recorded_pose, from_opengl
 from planfit.scan.recording import Frame, Size, id_of_name
 from planfit.scan.source import FileSource, in_order
-from planfit.scan.tables import first_of, number_list, read_json
+from planfit.scan.tables import first_of, number_list, numbers_of, read_json
 from planfit.scan.types import ScanOptions
 
 NAME = "transforms.json"
@@ -99,13 +99,12 @@ def _times(listed: Sequence[object]) -> tuple[list[float], list[str]]:
     durations, names of several cameras."""
     places = [float(i) for i in range(len(listed))]
     items = [item for item in listed if isinstance(item, dict)]
-    try:
-        matrices = [item.get("transform_matrix") for item in items]
-        positions = np.array(matrices, dtype=float).reshape(len(listed), 4, 4)[:, :3, 3]
-        names = [in_order(str(item.get("file_path"))) for item in items]
-        in_turn = sorted(range(len(names)), key=names.__getitem__)
-    except (ValueError, TypeError):
+    matrices = numbers_of([item.get("transform_matrix") for item in items])
+    if matrices.size != 16 * len(listed):
         return places, []  # what is none is named when it is read
+    positions = matrices.reshape(-1, 4, 4)[:, :3, 3]
+    names = [in_order(str(item.get("file_path"))) for item in items]
+    in_turn = sorted(range(len(names)), key=names.__getitem__)
     found = [item.get("timestamp") for item in items]
     times = [float(t) for t in found if isinstance(t, int | float) and np.isfinite(t)]
     if len(times) < len(listed):

@@ -320,8 +320,8 @@ def _clip_area(svg: SVG, name: str, element) -> BaseGeometry | None:
 
 def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: bool) -> None:
     try:
-        pen_width = float(shape.stroke_width or 1.0) if is_drawn(shape.stroke) else 0.0
-        parts = sub_paths(SvgPath(shape), 1.5 * pen_width)
+        width = float(shape.stroke_width or 1.0) if is_drawn(shape.stroke) else 0.0
+        parts = sub_paths(SvgPath(shape), width)
     except (ZeroDivisionError, ValueError, OverflowError):
         return  # an arc with a radius that is no number
     rings = [points for points, _ in parts]
@@ -329,12 +329,10 @@ def _add_shape(builder: DrawingBuilder, shape: Shape, layer: str, hides_white: b
         builder.add_cover(rings)
     if hides_white and is_drawn(shape.stroke) and is_white(shape.stroke):
         # A door or window as a gap: a white line over the wall.
-        width = float(shape.stroke_width or 1.0)
         for points in (ring for ring in rings if np.isfinite(ring).all()):
             gap = shapely.buffer(shapely.LineString(points), width, cap_style="flat")
             builder.add_cover([shapely.get_coordinates(r) for r in shapely.get_rings(gap)])
     elif is_drawn(shape.stroke):
-        width = float(shape.stroke_width or 1.0)
         style = (str(shape.stroke), round(width, 3))
         pen = Pen(width, rgb_of(shape.stroke), is_dashed(shape))
         for points, is_curved in parts:
@@ -358,10 +356,10 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
 
 
 def sub_paths(
-    path: SvgPath, slack: float = 0.0
+    path: SvgPath, pen_width: float = 0.0
 ) -> list[tuple[Float[np.ndarray, "_ 2"], Bool[np.ndarray, " _"]]]:
     """Each sub-path as points (k, 2), y up, and which of its segments (k - 1,) are curved (`is_bent`)."""
-    result = SubPaths(slack)
+    result = SubPaths(pen_width)
     for segment in path.segments(transformed=True):
         if isinstance(segment, Move):
             result.move(xy_of(segment.end))
