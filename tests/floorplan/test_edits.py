@@ -78,6 +78,39 @@ def test_edits_of_a_picture_are_in_its_pixels(tmp_path: Path) -> None:
         assert plan.ends[..., 0].max() == pytest.approx(350 * (scale or 1.0))
 
 
+def test_what_lies_outside_of_a_region_of_a_picture_misleads_nothing(tmp_path: Path) -> None:
+    """A sheet whose table has lines as thick as walls of solid black is read as the plan without it."""
+    picture = np.full((700, 1100), 255, np.uint8)
+    for u, v, width, height in ((60, 60, 560, 420), (60, 260, 300, 220)):
+        cv2.rectangle(picture, (u, v), (u + width, v + height), 0, 14)
+    alone, sheet = tmp_path / "alone.png", tmp_path / "sheet.png"
+    cv2.imwrite(str(alone), picture)
+    for k in range(7):
+        cv2.rectangle(picture, (700, 40 + 90 * k), (1060, 100 + 90 * k), 0, 30)
+    cv2.imwrite(str(sheet), picture)
+    edits = tmp_path / "edits.json"
+    flags = ["--keep-region", "20,20,660,540", "--write-edits", str(edits)]
+    assert run(["plan", str(sheet), *flags]) == 0
+    plan, asked = read_floorplan(sheet, PlanOptions(edits=edits)), read_floorplan(alone)
+    np.testing.assert_allclose(np.sort(plan.lengths), np.sort(asked.lengths), atol=2.0)
+    assert plan.source.kind == asked.source.kind
+    assert not any("second plan" in words for words in plan.source.warnings)
+
+
+def test_numbers_of_faces_are_those_of_the_region(room: Path, tmp_path: Path) -> None:
+    """What `--numbers` shows with a region is what `--drop` beside that region leaves out."""
+    region, out, after = "--keep-region=0.5,-4.5,7,-0.5", tmp_path / "a.json", tmp_path / "b.json"
+    assert run(["plan", str(room), region, "-o", str(out)]) == 0
+    shown = read_floorplan(out).ends
+    assert len(shown) < len(read_floorplan(room))
+    edits = tmp_path / "edits.json"
+    flags = ["--drop", "1", "--write-edits", str(edits), "-o", str(after)]
+    assert run(["plan", str(room), region, *flags]) == 0
+    np.testing.assert_allclose(read_floorplan(after).ends, np.delete(shown, 1, axis=0))
+    again = read_floorplan(room, PlanOptions(edits=edits))
+    np.testing.assert_allclose(again.ends, np.delete(shown, 1, axis=0))
+
+
 def test_walls_are_added(room: Path, tmp_path: Path) -> None:
     edits = tmp_path / "edits.json"
     edits.write_text(json.dumps({"planfit_edits": 1, "add": [[[3, 0], [3, -4]]]}))

@@ -1,7 +1,7 @@
 """`planfit plan`: what is found in a plan, and the plan in another form."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,13 @@ from planfit.cli.console import check_suffix, listing, note, out
 from planfit.errors import OutputError
 from planfit.export.plan_files import write_plan_dxf, write_plan_svg
 from planfit.floorplan import Floorplan, read_floorplan, write_floorplan_json
-from planfit.floorplan.edits import edited, edits_of_words, write_edits
+from planfit.floorplan.edits import (
+    PlanEdits,
+    edited,
+    ends_of_faces,
+    regions_of_words,
+    write_edits,
+)
 from planfit.floorplan.elements import are_glass, find_columns
 from planfit.report.plots.plan_picture import draw_plan_picture
 from planfit.runtime import write_whole
@@ -68,14 +74,16 @@ def plan_command(arguments: PlanArguments) -> int:
             raise OutputError(
                 f"{arguments.out}: expected another file than the plan itself; choose another name"
             )
-    floorplan = read_floorplan(arguments.plan, arguments.flags.options)
     drop = tuple(number for numbers in arguments.drop for number in numbers)
-    regions = tuple(region for words in arguments.keep_region for region in words)
+    regions = regions_of_words(tuple(each for words in arguments.keep_region for each in words))
+    options = replace(arguments.flags.options, keep_regions=regions)
+    floorplan = read_floorplan(arguments.plan, options)
+    ends = ends_of_faces(floorplan, drop)
+    if drop:
+        floorplan = edited(floorplan, PlanEdits(ends), "--drop")
     if drop or regions:
-        edits = edits_of_words(floorplan, drop, regions)
-        floorplan = edited(floorplan, edits, "--drop and --keep-region")
         if arguments.write_edits is not None:
-            write_edits(arguments.write_edits, edits)
+            write_edits(arguments.write_edits, PlanEdits(ends, tuple(map(np.array, regions))))
             out.print(f"written: {arguments.write_edits}", soft_wrap=True)
     elif arguments.write_edits is not None:
         raise OutputError(

@@ -5,7 +5,7 @@ Faces are told by where they lie, not by number: a number changes when anything 
 
 import hashlib
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +28,7 @@ MAX_ENTRIES = 100_000
 class PlanEdits:
     """In the coordinates at the rim of `planfit plan PLAN -o plan.png`."""
 
-    drop: Float[np.ndarray, "d 2 2"]
+    drop: Float[np.ndarray, "d 2 2"] = field(default_factory=lambda: np.zeros((0, 2, 2)))
     """Ends of faces that are left out."""
     keep: tuple[Float[np.ndarray, "_ 2"], ...] = ()
     """Corners of regions; what lies outside of all of them is left out, unless there are none."""
@@ -77,36 +77,41 @@ def write_edits(path: Path, edits: PlanEdits) -> None:
     write_whole(path, json.dumps(content, indent=1) + "\n")
 
 
-def edits_of_words(
-    floorplan: Floorplan, drop: tuple[int, ...], keep_regions: tuple[str, ...]
-) -> PlanEdits:
-    """Edits of a command line: numbers of faces, and regions "x0,y0,x1,y1" or "x,y,x,y,x,y,...".
+def regions_of_words(words: tuple[str, ...]) -> tuple[tuple[tuple[float, float], ...], ...]:
+    """Corners of the regions of a command line, each "x0,y0,x1,y1" or "x,y,x,y,x,y,...".
 
     Raises:
-        OptionError: there is no face of a number, or a region is of another form.
+        OptionError: a region is of another form.
     """
-    for number in drop:
+    regions = []
+    for text in words:
+        try:
+            corners = np.array([float(word) for word in text.split(",")]).reshape(-1, 2)
+            if len(corners) == 2:
+                (x0, y0), (x1, y1) = corners
+                corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+            regions.append(tuple((float(x), float(y)) for x, y in _region(corners)))
+        except ValueError as error:
+            raise OptionError(
+                f"--keep-region: expected x0,y0,x1,y1 or the corners x,y,x,y,x,y, found {text!r}"
+            ) from error
+    return tuple(regions)
+
+
+def ends_of_faces(floorplan: Floorplan, numbers: tuple[int, ...]) -> Float[np.ndarray, "d 2 2"]:
+    """Ends of faces that `--drop` numbers, in the coordinates at the rim.
+
+    Raises:
+        OptionError: there is no face of a number.
+    """
+    for number in numbers:
         if not 0 <= number < len(floorplan):
             raise OptionError(
                 f"--drop: expected numbers of faces from 0 to {len(floorplan) - 1}, found {number}; see them "
                 "in `planfit plan PLAN --numbers -o plan.png`"
             )
-    rim = floorplan.source.rim_from_plan
-    ends = floorplan.ends[np.array(drop, dtype=int)]
-    regions = []
-    for text in keep_regions:
-        try:
-            values = np.array([float(word) for word in text.split(",")])
-            corners = values.reshape(-1, 2)
-            if len(corners) == 2:
-                (x0, y0), (x1, y1) = corners
-                corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
-            regions.append(_region(corners.tolist()))
-        except ValueError as error:
-            raise OptionError(
-                f"--keep-region: expected x0,y0,x1,y1 or the corners x,y,x,y,x,y, found {text!r}"
-            ) from error
-    return PlanEdits(segments.moved(ends, rim), tuple(regions))
+    ends = floorplan.ends[np.array(numbers, dtype=int)]
+    return segments.moved(ends, floorplan.source.rim_from_plan)
 
 
 def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
@@ -122,14 +127,16 @@ def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     """
     plan_from_rim = np.linalg.inv(floorplan.source.rim_from_plan)
     before = floorplan.lengths.sum()
-    kept = np.ones(len(floorplan), dtype=bool)
-    kept[faces_at(floorplan, edits.drop, name)] = False
-    plan = _taken(floorplan, np.flatnonzero(kept), floorplan.ends[kept])
+    plan = floorplan
     if edits.keep:
         corners = [segments.moved(c, plan_from_rim) for c in edits.keep]
         plan = _within(
             plan, shapely.union_all([shapely.make_valid(shapely.Polygon(c)) for c in corners])
         )
+    # Numbers of faces are those of the picture, which shows what lies in the regions.
+    kept = np.ones(len(plan), dtype=bool)
+    kept[faces_at(plan, edits.drop, name)] = False
+    plan = _taken(plan, np.flatnonzero(kept), plan.ends[kept])
     n_added = 0 if edits.add is None else len(edits.add)
     if edits.add is not None and n_added:
         plan = _with_walls(plan, segments.moved(edits.add, plan_from_rim))

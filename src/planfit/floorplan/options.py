@@ -64,6 +64,9 @@ class PlanOptions(Changeable):
     takes the place of planfit's interpretation of the picture."""
     edits: Path | None = None
     """JSON file of corrections: faces left out, regions kept, walls added (`planfit help formats`)."""
+    keep_regions: tuple[tuple[tuple[float, float], ...], ...] = ()
+    """Corners of regions, in the coordinates at the rim, beside those of `edits`: what lies outside of all of
+    them is left out. A picture is read as though it were blank there."""
     mirror: bool = False
     """Swap left and right: for a plan that was drawn or exported mirrored."""
 

@@ -6,8 +6,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from planfit.errors import FloorplanError, told_as
-from planfit.floorplan.edits import edited, read_edits
+from planfit.floorplan.edits import PlanEdits, edited, read_edits
 from planfit.floorplan.faces import LineWorkTooDense
 from planfit.floorplan.options import (
     MAX_SIZE_M,
@@ -162,6 +164,9 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"{path}: expected a file with a size on paper (PDF, SVG, a picture with dpi) for the scale "
             f"1:{options.paper_scale:g}, found {path.suffix}; give --unit, or --scale METRES of one unit"
         )
+    edits = PlanEdits() if options.edits is None else read_edits(options.edits)
+    regions = (*options.keep_regions, *(tuple((x, y) for x, y in c.tolist()) for c in edits.keep))
+    options = replace(options, keep_regions=regions)
     hint = _map_hint(path)
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
         try:
@@ -182,6 +187,7 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
             f"found {floorplan.size[0]:.4g} x {floorplan.size[1]:.4g}; {mend}"
         )
     floorplan = floorplan.mirrored() if options.mirror else floorplan
-    if options.edits is None:
+    if options.edits is None and not regions:
         return floorplan
-    return edited(floorplan, read_edits(options.edits), str(options.edits))
+    edits = replace(edits, keep=tuple(np.array(corners) for corners in regions))
+    return edited(floorplan, edits, str(options.edits or "--keep-region"))

@@ -4,6 +4,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, UInt8
 from PIL import Image, ImageOps
@@ -40,11 +41,31 @@ def read_picture(path: Path, options: PlanOptions) -> Floorplan:
             warning += ": check a length"
     georeference = None if is_told else find_georeference(path)
     image, shrink = load_picture(path)
+    image = _blank_outside(image, options.keep_regions, shrink)
     plan = read_image(image, str(path), fingerprint, options, "raster picture", shrink)
     plan = replace(plan, source=replace(plan.source, is_picture=True))
     for each in filter(None, (warning, _other_pages(path))):
         plan = plan.with_warning(each)
     return plan if georeference is None else place_on_map(plan, georeference)
+
+
+def _blank_outside(
+    image_bgr: UInt8[np.ndarray, "h w 3"],
+    regions: tuple[tuple[tuple[float, float], ...], ...],
+    shrink: int,
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The picture with paper in place of what is outside of all regions (pixels of the file, `shrink` to one
+    of the image): frames and tables there then do not mislead what is taken for a wall."""
+    if not regions:
+        return image_bgr
+    is_kept = np.zeros(image_bgr.shape[:2], np.uint8)
+    for region in regions:
+        corners = (np.array(region) + 0.5) / shrink - 0.5
+        cv2.fillPoly(is_kept, [np.round(corners).astype(np.int32)], 1)
+    if not is_kept.any():
+        return image_bgr  # no wall will be left in them, which is said
+    paper = np.median(image_bgr[is_kept > 0], axis=0).astype(np.uint8)
+    return np.where(is_kept[..., None] > 0, image_bgr, paper)
 
 
 def _other_pages(path: Path) -> str:
