@@ -6,7 +6,8 @@ import pytest
 
 from planfit.errors import ScanError
 from planfit.scan import read_scan
-from scan_samples import put, write_seven_scenes
+from planfit.synth import SynthOptions, WalkOptions, make_scan, write_facap
+from scan_samples import put, write_seven_scenes, write_tum
 
 
 def told(path) -> str:
@@ -45,6 +46,15 @@ def test_a_file_out_of_a_scan_names_the_folder(sample, tmp_path):
     assert told(file).endswith(
         f"found a file of a 7-scenes scan; give its folder, {tmp_path / 'scan'}"
     )
+
+
+def test_a_folder_out_of_a_scan_names_the_scan(sample, tmp_path):
+    """Its images and poses alone lack what lies beside them: nothing is made of them unasked."""
+    write_facap(tmp_path / "a", make_scan(SynthOptions(walk=WalkOptions(n_frames=3))))
+    write_tum(tmp_path / "b", sample)
+    for part, kind in (("a/arcore", "facap"), ("b/rgb", "tum")):
+        expected = f"found a folder of a {kind} scan; give {(tmp_path / part).parent}"
+        assert told(tmp_path / part).endswith(expected)
 
 
 def test_scans_inside_a_folder_are_named(sample, tmp_path):

@@ -97,6 +97,9 @@ def no_scan_in_folder(source: FileSource, layouts: dict[str, FolderLayout]) -> S
         layouts: formats of folders, by name.
     """
     begin = f"{source.path}: expected a scan, found"
+    owner = folder_of_scan(source, layouts)
+    if owner:
+        return ScanError(f"{begin} a folder of a {owner[1]} scan; give {owner[0]}")
     inside = _scans_inside(source, layouts)
     if inside:
         named = ", ".join(f"{path} ({kind})" for path, kind in inside[:FEW_NAMED])
@@ -177,6 +180,18 @@ def _other_name(source: FileSource, part: str, parts: tuple[str, ...]) -> str:
     group = next((names for names in ALIKE if part.endswith("/") and part[:-1] in names), ())
     taken = {one for other in parts for one in other.split("|")}
     return next((n for n in source.folders() if n in group and f"{n}/" not in taken), "")
+
+
+def folder_of_scan(source: FileSource, layouts: dict[str, FolderLayout]) -> tuple[Path, str] | None:
+    """The scan that a folder of this disk is part of, and what it is; None where it is of none."""
+    if not isinstance(source, FolderSource):
+        return None
+    parent = FolderSource(source.path.resolve().parent)
+    try:
+        kind = _kind_of(parent, layouts)
+    except OSError:  # not to be looked into
+        return None
+    return (parent.path, kind) if kind else None
 
 
 def _kind_of(source: FileSource, layouts: dict[str, FolderLayout]) -> str:

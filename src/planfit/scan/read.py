@@ -13,7 +13,12 @@ from planfit.scan.depth_checks import checked_depth
 from planfit.scan.formats import LAST, READERS, format_of, layouts, whole_files
 from planfit.scan.layout import FolderLayout
 from planfit.scan.lens_file import read_lens, take_calibration
-from planfit.scan.no_scan import is_of_known, no_scan_in_file, no_scan_in_folder
+from planfit.scan.no_scan import (
+    folder_of_scan,
+    is_of_known,
+    no_scan_in_file,
+    no_scan_in_folder,
+)
 from planfit.scan.pose_files import take_poses
 from planfit.scan.recording import Recording
 from planfit.scan.source import FileSource, ZipSource, open_source
@@ -89,7 +94,8 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         raise ScanError(
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
-    is_free = last is not None and (name == LAST or not is_of_known(source, known))
+    is_part = is_of_known(source, known) or folder_of_scan(source, known) is not None
+    is_free = last is not None and (name == LAST or not is_part)
     is_asked = name == LAST or options.poses is not None
     if last is not None and is_free and (is_asked or last.recognise(source)):
         return last.read(source, options), False
