@@ -2,11 +2,13 @@
 
 import json
 
+import ezdxf
 import numpy as np
 import pytest
 import scipy.spatial
 import shapely
 import trimesh
+from ezdxf.enums import TextEntityAlignment
 from test_vector_formats import on_faces
 
 from plan_files import (
@@ -360,6 +362,37 @@ def test_a_missing_unit_is_guessed_or_left_open_but_never_wrong(tmp_path, scale,
     assert plan.source.unit in (unit, "unknown")
     assert plan.is_metric == (plan.source.unit == unit)
     assert "does not say its unit" in plan.source.warnings[0]
+
+
+@pytest.mark.parametrize("in_file", [0.001, 0.01])
+def test_walls_without_thickness_have_the_unit_of_their_dimensions(tmp_path, in_file):
+    """And where none are drawn, the units in which their size is likely are named, and none is taken."""
+    document = ezdxf.new(setup=True)
+    document.header["$INSUNITS"] = 0
+    space, wall = document.modelspace(), {"layer": "wall"}
+    corners = np.array([(0, 0), (12, 0), (12, 9), (0, 9)]) / in_file
+    space.add_lwpolyline(corners, close=True, dxfattribs=wall)
+    for x in (4.0, 7.0):
+        space.add_line((x / in_file, 0), (x / in_file, 9 / in_file), dxfattribs=wall)
+    document.saveas(tmp_path / "bare.dxf")
+    bare = read_floorplan(tmp_path / "bare.dxf")
+    assert not bare.is_metric
+    named = bare.source.warnings[0]
+    assert f" {'mm' if in_file == 0.001 else 'cm'}" in named
+    assert "no likely" not in named
+    dims = {"layer": "dims"}
+    for x, y, length in ((2, -1, 4), (5.5, -1, 3), (9.5, -1, 5), (6, -2, 12)):
+        a, b = (x - length / 2) / in_file, (x + length / 2) / in_file
+        space.add_line((a, y / in_file), (b, y / in_file), dxfattribs=dims)
+        text = space.add_text(f"{length / in_file:g}", height=0.3 / in_file, dxfattribs=dims)
+        text.set_placement(
+            (x / in_file, (y + 0.2) / in_file), align=TextEntityAlignment.BOTTOM_CENTER
+        )
+    document.saveas(tmp_path / "told.dxf")
+    plan = read_floorplan(tmp_path / "told.dxf")
+    assert plan.is_metric == (in_file == 0.01)  # of 12000 units a hall of 120 m is likely too
+    size_m = np.array(plan.size) * (1.0 if plan.is_metric else in_file)
+    assert size_m == pytest.approx((12, 9), rel=0.01)
 
 
 def test_the_users_unit_comes_first(tmp_path):

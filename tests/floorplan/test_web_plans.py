@@ -200,6 +200,22 @@ def test_colours_by_variables_are_those_of_the_light_page(tmp_path: Path) -> Non
     np.testing.assert_allclose(read_floorplan(named).ends, plain.ends, atol=1e-9)
 
 
+@pytest.mark.parametrize("tints", [
+    ("#cdc", "#ccd", "#dcc", "#f0f0f0"), ("#cdc", "#ccd", "#dcc", "#fff"),
+])  # fmt: skip
+def test_lines_called_wall_along_rooms_are_the_walls_with_their_doors(
+    tmp_path: Path, tints: tuple[str, ...]
+) -> None:
+    """However thin they are, they say more than the tints between them, of which one is as good as white."""
+    floors = [box(*room, fill=tint) for room, tint in zip(ROOMS, tints, strict=True)]
+    lines = ["M60 60H700V540H60Z", "M400 60V150M400 200V420M400 470V540", "M60 340H200M250 340H700"]
+    walls = [f'<path class="wall" fill="none" stroke="#222" d="{line}"/>' for line in lines]
+    plan = read_floorplan(svg(tmp_path / "plan.svg", *floors, *walls))
+    doors = [(400, 153, 400, 197), (400, 423, 400, 467), (203, 340, 247, 340)]
+    assert drawn_share(plan, doors) == 0.0
+    assert drawn_share(plan, WALLS) == pytest.approx(1 - 150 / (2240 + 480 + 640), abs=0.01)
+
+
 def test_variables_that_name_each_other_grow_not(tmp_path: Path) -> None:
     rules = "".join(f"--v{k}:var(--v{k + 1}) var(--v{k + 1});" for k in range(40))
     style = f"<style>svg{{{rules}--a:var(--b);--b:var(--a)}}</style>"

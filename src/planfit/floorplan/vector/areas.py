@@ -143,6 +143,16 @@ def drawn_shares(
     return drawn / np.maximum(whole, 1e-300)
 
 
+def are_outlined(
+    rooms: list[BaseGeometry], called_wall: Float[np.ndarray, "n 2 2"], extent: float
+) -> bool:
+    """Whether lines on layers that are called wall go along most of the edges of rooms: they are the walls,
+    with their doors, and the floors between them say no more."""
+    areas = np.array(rooms)
+    shares, lengths = drawn_shares(areas, called_wall, extent), shapely.length(areas)
+    return bool(2 * (shares * lengths).sum() > lengths.sum())
+
+
 def _is_large(parts: Shaped[np.ndarray, " n"], extent: float) -> bool:
     reach = np.ptp(shapely.bounds(parts).reshape(-1, 2, 2), axis=1).max()
     return bool(reach > 0.1 * extent)

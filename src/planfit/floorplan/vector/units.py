@@ -190,11 +190,12 @@ def _told_by_bars(
 
 
 def _guess(size: float, usual_thickness: float | None) -> PlanUnit:
-    """The one unit that makes a building with walls of likely size; unknown where several do."""
+    """The one unit that makes a building with walls of likely size; unknown where several do, or where walls
+    have no thickness: a sheet in millimetres of paper has the size of a building in feet."""
     fitting = [
         unit for unit, scale in METRES_PER_UNIT.items() if _is_likely(size, usual_thickness, scale)
     ]
-    if len(fitting) == 1:
+    if len(fitting) == 1 and usual_thickness is not None:
         unit = fitting[0]
         return PlanUnit(
             unit,
@@ -207,10 +208,11 @@ def _guess(size: float, usual_thickness: float | None) -> PlanUnit:
 
 
 def _is_likely(size: float, usual_thickness: float | None, scale: float) -> bool:
+    """Whether a scale makes a building of likely size, and walls, where their thickness is known."""
+    thickness = WALL_THICKNESS_M.low if usual_thickness is None else usual_thickness * scale
     return (
-        usual_thickness is not None
-        and BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
-        and WALL_THICKNESS_M.low <= usual_thickness * scale <= WALL_THICKNESS_M.high
+        BUILDING_LIKELY_SIZE_M.low <= size * scale <= BUILDING_LIKELY_SIZE_M.high
+        and WALL_THICKNESS_M.low <= thickness <= WALL_THICKNESS_M.high
     )
 
 

@@ -12,6 +12,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import check_crossings, groups_within, line_strings, weighted_median
 from planfit.floorplan.vector.arcs import round_walls
 from planfit.floorplan.vector.areas import (
+    are_outlined,
     hatched_areas,
     left_out_rooms,
     main_rooms,
@@ -253,6 +254,9 @@ def _solids_and_rooms(
     drawn = [*line_strings(lines.ends), *(fill.polygon for fill in fills)]
     hull = shapely.convex_hull(shapely.GeometryCollection(drawn))
     chosen = main_rooms(rooms, extent, hull)
+    called_wall = lines.ends[np.array(roles, dtype=int)[lines.layer] == Role.WALL]
+    if chosen and are_outlined(chosen, called_wall, extent):
+        chosen = []
     if not walls and not chosen:
         chosen = boxed_rooms(lines, most, extent)
     return walls, chosen, left_out_rooms(rooms, chosen)
