@@ -1,10 +1,14 @@
 """Strokes of a picture by their width: walls down to partitions, without what a pen drew."""
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+import shapely
 from drawn_plans.site_masks import as_picture, flat
 
+from planfit.floorplan import read_floorplan
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.raster import plan_of_picture
 from planfit.floorplan.raster.stroke_widths import kinds_of_strokes, least_wall_width
@@ -73,3 +77,27 @@ def test_what_may_be_walls_or_a_pen_s_is_told() -> None:
         as_picture(ink), "flat.png", "", PlanOptions(), "picture"
     ).source.warnings
     assert any("4 px thick" in words for words in warnings)
+
+
+@pytest.mark.parametrize("line_px", [1, 2, 3, 4])
+@pytest.mark.parametrize("thickness_px", [14, 30])
+def test_two_lines_of_a_wall_are_no_walls_however_thick_and_far_apart(
+    tmp_path: Path, line_px: int, thickness_px: int
+) -> None:
+    """Lines of 3 px about an outer wall of 30 px are too far apart to be told by that."""
+    rooms = [shapely.box(100, 100, 700, 600), shapely.box(700, 100, 1500, 600)]
+    rooms += [shapely.box(100, 600, 900, 1100), shapely.box(900, 600, 1500, 1100)]
+    edges = shapely.union_all([room.exterior for room in rooms])
+    inner = shapely.buffer(edges, 7, cap_style="square", join_style="mitre")
+    shell = shapely.box(100, 100, 1500, 1100).exterior
+    walls = inner | shapely.buffer(shell, thickness_px / 2, join_style="mitre")
+    for u, v in ((700, 300), (400, 600), (1200, 600), (900, 850)):
+        walls -= shapely.box(u - 45, v - 45, u + 45, v + 45)
+    picture = np.full((1200, 1600), 255, np.uint8)
+    for ring in (r for part in shapely.get_parts(walls) for r in (part.exterior, *part.interiors)):
+        corners = np.round(shapely.get_coordinates(ring)).astype(np.int32)
+        cv2.polylines(picture, [corners], True, 0, line_px)
+    cv2.imwrite(str(tmp_path / "plan.png"), picture)
+    plan = read_floorplan(tmp_path / "plan.png")
+    assert plan.source.kind.startswith("raster picture, walls double lines")
+    assert plan.lengths.sum() == pytest.approx(walls.length, rel=0.05)
