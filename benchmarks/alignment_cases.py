@@ -18,8 +18,7 @@ from planfit.alignment import WallSamples, sample_walls
 from planfit.floorplan import Floorplan
 from planfit.geometry import segments
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.building import Building
-from planfit.synth.walls import Part
+from planfit.synth.building import Building, Part
 
 FOV_DEG, RANGE_M, STEP_M, N_RAYS = 66.0, 7.0, 0.5, 45
 MIN_PATCH_M = 0.3

@@ -31,7 +31,7 @@ from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.report.html.page import page_of
 from planfit.report.html.view_section import view_section
-from planfit.report.scene.scene import Scene, SceneFrame, ScenePoints
+from planfit.report.scene import Scene, SceneFrame, ScenePoints
 from planfit.scan import Scan
 from planfit.viewer import Session, ViewServer
 

@@ -23,10 +23,9 @@ from planfit.pipeline.prepare import PreparedScan, prepare
 from planfit.report.measures import measure
 from planfit.report.plots import colors
 from planfit.report.plots.axes import Axes
-from planfit.report.plots.drawing import Box, Cells, Drawing, Words
+from planfit.report.plots.drawing import Box, Cells, Drawing, Words, to_png
 from planfit.report.plots.overlay import draw_overlay
 from planfit.report.plots.plan_picture import draw_plan_picture
-from planfit.report.plots.raster import to_png
 from planfit.report.plots.scan_view import draw_alignment
 from planfit.runtime import Runtime
 from planfit.scan import Scan

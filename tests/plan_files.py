@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 
 from planfit.synth import BuildingOptions, make_building
-from planfit.synth.walls import Part
+from planfit.synth.building import Part
 
 
 def make_plan(seed=3, **options):

@@ -22,13 +22,13 @@ from planfit.as_built import (
     write_as_built,
 )
 from planfit.cli import run
-from planfit.export.as_built_files import (
+from planfit.export.bcf import write_bcf
+from planfit.export.plan_files import (
     AS_BUILT_HEADER,
     write_as_built_csv,
     write_as_built_dxf,
     write_as_built_geojson,
 )
-from planfit.export.bcf import write_bcf
 
 NAN = float("nan")
 GLOBAL_ID = "2O2Fr$t4X7Zf8NOew3FLOH"

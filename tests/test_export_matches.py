@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from planfit.errors import OutputError
 from planfit.export.datasets import observe
-from planfit.export.matches_file import (
+from planfit.export.write import (
     FLOOR_DEG,
     FLOOR_M,
     MATCHES,

@@ -25,8 +25,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import formatting
 from planfit.report.html.page import make_report
-from planfit.report.key_metrics import TruthErrors, reasons_in_words, told_first
-from planfit.report.measures import measure
+from planfit.report.measures import TruthErrors, measure, reasons_in_words, told_first
 from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.drawing import to_svg

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from planfit.errors import FloorplanError, OutputError, ScanError
-from planfit.export.matches_file import MATCHES, read_matches
+from planfit.export.write import MATCHES, read_matches
 from planfit.floorplan import read_floorplan
 from planfit.scan import read_scan
 from scan_samples import make_sample, write_tum

@@ -14,10 +14,10 @@ from planfit.scan import ScanFiles
 from planfit.scan.types import Label
 from planfit.scan.views import FilesView, SelectedFiles
 from planfit.synth import Renderer, make_lights, make_quads
+from planfit.synth.building import Part
 from planfit.synth.mesh import Quads
 from planfit.synth.quads import FABRIC_COLORS, Material
 from planfit.synth.scan import SynthFiles
-from planfit.synth.walls import Part
 
 DEPTH_ERRORS = (0.01, 0.02, 0.05)
 FOCAL_ERRORS = (0.01, 0.03, 0.05)

@@ -18,12 +18,12 @@ from planfit.synth import (
     make_quads,
     walk_through,
 )
+from planfit.synth.building import wall_faces
 from planfit.synth.furniture import Footprint, Piece, furnish
 from planfit.synth.layout import BuildingLayout, Door, Rect, make_layout
 from planfit.synth.mesh import Quads
 from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.scan import SynthFiles, frame_name
-from planfit.synth.walls import wall_faces
 
 WALL_M = 0.15
 

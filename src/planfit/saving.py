@@ -22,14 +22,12 @@ from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
 from planfit.report.html.page import make_report
-from planfit.report.key_metrics import TruthErrors
-from planfit.report.measures import BeforeAfter, CloudXY, measure
+from planfit.report.make_scene import make_pictures, make_scene
+from planfit.report.measures import BeforeAfter, CloudXY, TruthErrors, measure
 from planfit.report.options import Provenance, ReportOptions, provenance_now
 from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
-from planfit.report.scene.make import make_scene
-from planfit.report.scene.pictures import make_pictures
-from planfit.report.scene.scene import Scene
+from planfit.report.scene import Scene
 from planfit.runtime import Runtime, StageTimer, write_whole
 from planfit.runtime.run_folder import RECORD, RunFolder
 from planfit.scan import Scan, ScanOptions, calibrated_scan

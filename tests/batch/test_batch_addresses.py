@@ -13,8 +13,7 @@ import pytest
 from batch_results import write_results
 
 from planfit.batch.addresses import staged
-from planfit.batch.inputs import stamp_of
-from planfit.batch.jobs import Job
+from planfit.batch.jobs import Job, stamp_of
 from planfit.batch.ledger import End
 from planfit.batch.process import Errand, perform
 from planfit.errors import OptionError, ScanError

@@ -9,8 +9,7 @@ import sys
 import pytest
 from batch_results import is_gone, until
 
-from planfit.batch.inputs import inputs_of
-from planfit.batch.jobs import Job
+from planfit.batch.jobs import Job, inputs_of
 from planfit.batch.ledger import End
 from planfit.batch.pool import Task, run_on_cluster
 from planfit.batch.process import Errand, Launcher

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from batch_results import is_gone, until
 
-from planfit.batch.inputs import inputs_of
-from planfit.batch.jobs import Job
+from planfit.batch.jobs import Job, inputs_of
 from planfit.batch.ledger import End
 from planfit.batch.pool import LocalPool, Task
 from planfit.batch.process import Errand, Launcher

@@ -2,7 +2,7 @@
 
 import pytest
 
-from planfit.batch.inputs import Stamp
+from planfit.batch.jobs import Stamp
 from planfit.batch.memory import GB, Expectation, free_bytes, guess_bytes, own_peak_bytes
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from batch_results import write_results
 
-from planfit.batch.inputs import inputs_of, stamp_of
-from planfit.batch.jobs import Job, Option
+from planfit.batch.jobs import Job, Option, inputs_of, stamp_of
 from planfit.batch.ledger import End, key_of
 from planfit.batch.process import Errand, perform
 from planfit.errors import ScanError
@@ -87,7 +86,7 @@ def test_name_and_memory_change_nothing(errand):
 
 def test_another_version_does_it_again(errand, monkeypatch):
     before = inputs_of(errand.job).key
-    monkeypatch.setattr("planfit.batch.inputs.__version__", "99")
+    monkeypatch.setattr("planfit.batch.jobs.__version__", "99")
     assert inputs_of(errand.job).key != before
 
 

@@ -4,8 +4,7 @@ import contextlib
 
 import pytest
 
-from planfit.batch.inputs import Stamp
-from planfit.batch.jobs import Job
+from planfit.batch.jobs import Job, Stamp
 from planfit.batch.ledger import End
 from planfit.batch.memory import GB
 from planfit.batch.pool import LocalPool, Task

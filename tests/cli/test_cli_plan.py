@@ -11,8 +11,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from planfit.cli import run
 from planfit.floorplan import PlanOptions, read_floorplan
+from planfit.report.plots.drawing import DPI
 from planfit.report.plots.plan_picture import plan_axes
-from planfit.report.plots.raster import DPI
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from builders import look, random_transforms
 from planfit.evaluation import MapSample, find_orthogonal_sets, map_quality, mom_m2
-from planfit.evaluation.orthogonal import orthogonal_triple, planar_normals
+from planfit.evaluation.map_quality import orthogonal_triple, planar_normals
 from planfit.geometry import se3
 
 

@@ -14,8 +14,7 @@ from planfit.geometry import se3, segments
 from planfit.geometry.camera import Camera
 from planfit.report.html.page import make_report
 from planfit.report.html.view_section import view_data, view_section
-from planfit.report.scene.make import make_scene
-from planfit.report.scene.pictures import make_pictures
+from planfit.report.make_scene import make_pictures, make_scene
 from planfit.runtime import Runtime
 from planfit.scan import scan_from_arrays
 from test_report import DEPTH, WIDTH, make_result

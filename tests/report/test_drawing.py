@@ -9,8 +9,17 @@ from PIL import Image
 
 from planfit.report.plots import colors
 from planfit.report.plots.axes import Axes, left_pt, new_chart, round_number, tick_values
-from planfit.report.plots.drawing import Box, Drawing, Words, rgb_of, to_svg, visible_lines
-from planfit.report.plots.raster import DPI, to_image, to_png
+from planfit.report.plots.drawing import (
+    DPI,
+    Box,
+    Drawing,
+    Words,
+    rgb_of,
+    to_image,
+    to_png,
+    to_svg,
+    visible_lines,
+)
 
 RED, GREEN = "#ff0000", "#00ff00"
 

@@ -8,7 +8,7 @@ import pytest
 
 from planfit.findings import Finding, ResultKind, ScanKind
 from planfit.findings.finding import FEW_NAMED
-from planfit.report.html.photos import frames_to_show, items_with_photos
+from planfit.report.html.sections import frames_to_show, items_with_photos
 from report.scenes import room_plan
 from test_report import make_result
 

@@ -17,9 +17,13 @@ from planfit.geometry import se3
 from planfit.pipeline.on_plan import Storey, Storeys
 from planfit.report.html.page import make_report
 from planfit.report.html.view_section import view_data
-from planfit.report.scene.make import scene_walls
-from planfit.report.scene.pictures import frames_with_pictures, make_pictures, quarter_turns
-from planfit.report.scene.scene import REACH_M, ScenePoints, quantise, tile_frames
+from planfit.report.make_scene import (
+    frames_with_pictures,
+    make_pictures,
+    quarter_turns,
+    scene_walls,
+)
+from planfit.report.scene import REACH_M, ScenePoints, quantise, tile_frames
 from planfit.runtime import Runtime
 from planfit.scan import scan_from_arrays
 from report.scenes import PER_FRAME, decode, room_plan, room_scene, view_of
@@ -71,8 +75,8 @@ def test_what_is_further_than_a_tile_reaches_is_left_out_and_coarsens_nothing():
 
 
 def test_levels_share_all_points_evenly(monkeypatch):
-    monkeypatch.setattr("planfit.report.scene.scene._FIRST_POINTS", 600)
-    monkeypatch.setattr("planfit.report.scene.scene._LEVEL_POINTS", 1020)
+    monkeypatch.setattr("planfit.report.scene._FIRST_POINTS", 600)
+    monkeypatch.setattr("planfit.report.scene._LEVEL_POINTS", 1020)
     scene, _ = room_scene()
     html = view_of(scene)
     _, points = decode(html)

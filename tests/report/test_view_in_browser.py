@@ -42,8 +42,8 @@ def browser():
 def report(tmp_path_factory):
     """Its page, and the scene that it shows."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planfit.report.scene.scene._FIRST_POINTS", 800)
-        patch.setattr("planfit.report.scene.scene._LEVEL_POINTS", 2500)  # five levels in all
+        patch.setattr("planfit.report.scene._FIRST_POINTS", 800)
+        patch.setattr("planfit.report.scene._LEVEL_POINTS", 2500)  # five levels in all
         html, scene = room_report(offsets=OFFSETS, max_pictures=6)
     path = tmp_path_factory.mktemp("report") / "report.html"
     path.write_text(html, encoding="utf-8")

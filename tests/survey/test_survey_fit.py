@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from planfit.errors import OptionError
-from planfit.survey.blunders import find_blunders
 from planfit.survey.fit import are_apart, are_on_a_line, fit_site, require_fit
+from planfit.survey.residuals import find_blunders
 
 YAW = 0.8
 

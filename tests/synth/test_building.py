@@ -9,7 +9,7 @@ from planfit.floorplan import Floorplan, nearest_faces
 from planfit.geometry import segments
 from planfit.scan import Label
 from planfit.synth import BuildingOptions, facap_segments, make_building, make_quads
-from planfit.synth.walls import Part
+from planfit.synth.building import Part
 
 
 def building(seed=0, **options):

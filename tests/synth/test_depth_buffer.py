@@ -6,7 +6,7 @@ from numpy.testing import assert_array_equal
 
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
-from planfit.synth.plan_space import _first_ahead
+from planfit.synth.plan_walls import _first_ahead
 from planfit.synth.render import first_rectangles
 
 CAMERA = Camera(64, 48, 40.0, 42.0, 30.5, 24.25)

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from planfit.errors import OptionError
 from planfit.findings import Finding, SurveyKind
 from planfit.floorplan import Floorplan
-from planfit.survey.axes import OUTSIDE_SHARE
+from planfit.survey.fit import OUTSIDE_SHARE
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from planfit.batch.inputs import Stamp
+from planfit.batch.jobs import Stamp
 
 GB = 10**9
 SHARE_OF_FREE = 0.8

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from planfit.batch.inputs import Stamp
+from planfit.batch.jobs import Stamp
 from planfit.batch.ledger import End, State
 from planfit.batch.memory import GB, Expectation, free_bytes
 from planfit.batch.process import MAX_TRIES, Errand, Launcher, Running

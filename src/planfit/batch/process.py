@@ -18,8 +18,7 @@ from typing import IO, Any
 from filelock import FileLock
 
 from planfit.batch import addresses
-from planfit.batch.inputs import inputs_of
-from planfit.batch.jobs import Job, Option, is_address, split_storey
+from planfit.batch.jobs import Job, Option, inputs_of, is_address, split_storey
 from planfit.batch.ledger import JOB_KEY, End, Ledger, State
 from planfit.batch.memory import own_peak_bytes
 from planfit.errors import MAX_REASON, PlanfitError

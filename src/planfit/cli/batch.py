@@ -10,8 +10,7 @@ from typing import Annotated
 
 import tyro
 
-from planfit.batch.inputs import inputs_of
-from planfit.batch.jobs import Column, Job, Option, read_jobs
+from planfit.batch.jobs import Column, Job, Option, inputs_of, read_jobs
 from planfit.batch.ledger import Ledger, State
 from planfit.batch.memory import GB, SHARE_OF_FREE, free_bytes
 from planfit.batch.page import JobRow, Result, counts_in_words, row_of, write_page

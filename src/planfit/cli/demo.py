@@ -19,7 +19,7 @@ from planfit.evaluation import position_errors, surface_metrics
 from planfit.floorplan import read_floorplan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
-from planfit.report.key_metrics import TruthErrors
+from planfit.report.measures import TruthErrors
 from planfit.saving import RunInputs
 from planfit.scan import Scan, ScanOptions, read_scan, read_tum
 from planfit.synth import CameraOptions, DriftOptions, SynthOptions, make_scan, write_facap

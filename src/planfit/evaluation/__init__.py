@@ -3,8 +3,10 @@
 Each metric is defined in docs/metrics.md.
 """
 
+from planfit.evaluation.agreement import Layers as Layers
 from planfit.evaluation.agreement import match_distances as match_distances
 from planfit.evaluation.agreement import median_match_distance as median_match_distance
+from planfit.evaluation.agreement import wall_layers as wall_layers
 from planfit.evaluation.comparison import CompareOptions as CompareOptions
 from planfit.evaluation.comparison import Comparison as Comparison
 from planfit.evaluation.comparison import LocalEvidence as LocalEvidence
@@ -14,12 +16,13 @@ from planfit.evaluation.evaluate import ComparedPoses as ComparedPoses
 from planfit.evaluation.evaluate import EvaluateOptions as EvaluateOptions
 from planfit.evaluation.evaluate import Evaluation as Evaluation
 from planfit.evaluation.evaluate import evaluate as evaluate
-from planfit.evaluation.layers import Layers as Layers
-from planfit.evaluation.layers import wall_layers as wall_layers
 from planfit.evaluation.map_quality import MapOptions as MapOptions
 from planfit.evaluation.map_quality import MapQuality as MapQuality
 from planfit.evaluation.map_quality import MapSample as MapSample
+from planfit.evaluation.map_quality import OrthogonalSets as OrthogonalSets
+from planfit.evaluation.map_quality import find_orthogonal_sets as find_orthogonal_sets
 from planfit.evaluation.map_quality import map_quality as map_quality
+from planfit.evaluation.map_quality import mom_m2 as mom_m2
 from planfit.evaluation.map_quality import sample_depth_maps as sample_depth_maps
 from planfit.evaluation.metrics import MapJudge as MapJudge
 from planfit.evaluation.metrics import Metric as Metric
@@ -29,9 +32,6 @@ from planfit.evaluation.metrics import make_map_judge as make_map_judge
 from planfit.evaluation.metrics import map_metrics as map_metrics
 from planfit.evaluation.metrics import surface_metrics as surface_metrics
 from planfit.evaluation.metrics import trajectory_metrics as trajectory_metrics
-from planfit.evaluation.orthogonal import OrthogonalSets as OrthogonalSets
-from planfit.evaluation.orthogonal import find_orthogonal_sets as find_orthogonal_sets
-from planfit.evaluation.orthogonal import mom_m2 as mom_m2
 from planfit.evaluation.surfaces import NEAR_FACE_M as NEAR_FACE_M
 from planfit.evaluation.surfaces import FloorHeights as FloorHeights
 from planfit.evaluation.surfaces import WallDistances as WallDistances

@@ -7,9 +7,16 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from planfit.evaluation.layers import wall_layers
-from planfit.evaluation.map_quality import MapOptions, MapSample, map_quality, sample_depth_maps
-from planfit.evaluation.orthogonal import OrthogonalSets, find_orthogonal_sets, mom_m2
+from planfit.evaluation.agreement import wall_layers
+from planfit.evaluation.map_quality import (
+    MapOptions,
+    MapSample,
+    OrthogonalSets,
+    find_orthogonal_sets,
+    map_quality,
+    mom_m2,
+    sample_depth_maps,
+)
 from planfit.evaluation.surfaces import NEAR_FACE_M, floor_heights, wall_distances
 from planfit.evaluation.trajectory import position_errors, relative_errors
 from planfit.evaluation.truth_cloud import TrueCloud, nearest_neighbours

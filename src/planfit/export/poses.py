@@ -11,8 +11,7 @@ from jaxtyping import Float
 from planfit.errors import OptionError, OutputError, did_you_mean
 from planfit.export.axes import AXES, PoseFrame, require_axes
 from planfit.export.cloud import Cloud, sample_cloud
-from planfit.export.datasets import write_colmap, write_nerfstudio
-from planfit.export.streams import write_rerun, write_rosbag
+from planfit.export.datasets import write_colmap, write_nerfstudio, write_rerun, write_rosbag
 from planfit.export.write import write_kitti, write_pose_graph
 from planfit.geometry import se3
 from planfit.matching import Matches

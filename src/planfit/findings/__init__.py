@@ -12,6 +12,6 @@ from planfit.findings.finding import sentences_of as sentences_of
 from planfit.findings.finding import some_ids as some_ids
 from planfit.findings.plan_kinds import PlanKind as PlanKind
 from planfit.findings.pose_kinds import PoseKind as PoseKind
+from planfit.findings.pose_kinds import SurveyKind as SurveyKind
 from planfit.findings.result_kinds import ResultKind as ResultKind
 from planfit.findings.scan_kinds import ScanKind as ScanKind
-from planfit.findings.survey_kinds import SurveyKind as SurveyKind

@@ -41,8 +41,8 @@ from planfit.survey import (
     fit_site,
     place_points,
 )
-from planfit.survey.blunders import find_blunders
 from planfit.survey.fit import are_apart, are_on_a_line, height_shift, require_fit
+from planfit.survey.residuals import find_blunders
 from planfit.tracking import choose_keyframes
 
 WELL_PLACED_M = 0.1

@@ -1,10 +1,10 @@
 """Surveyed points: known coordinates of things that a scan sees. Control points hold the poses, check points
 judge them (docs/adr/0023-control-and-check-points.md)."""
 
-from planfit.survey.axes import PlacedPoints as PlacedPoints
-from planfit.survey.axes import place_points as place_points
+from planfit.survey.fit import PlacedPoints as PlacedPoints
 from planfit.survey.fit import SiteFit as SiteFit
 from planfit.survey.fit import fit_site as fit_site
+from planfit.survey.fit import place_points as place_points
 from planfit.survey.marks import FAMILIES as FAMILIES
 from planfit.survey.marks import find_marks as find_marks
 from planfit.survey.read import read_marks as read_marks

@@ -8,13 +8,12 @@ import numpy as np
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.building import Building, copied_rooms
+from planfit.synth.building import Building, Part, copied_rooms
 from planfit.synth.furniture import Piece, add_hangings
 from planfit.synth.lookalikes import Poster, turn_to
 from planfit.synth.options import OUTER_WALL_M
 from planfit.synth.plan_building import PlanBuilding
-from planfit.synth.plan_space import look_up
-from planfit.synth.plan_walls import MAX_WALL_M
+from planfit.synth.plan_walls import MAX_WALL_M, look_up
 from planfit.synth.quads import (
     FLOORS,
     WALL_COLORS,
@@ -28,7 +27,6 @@ from planfit.synth.quads import (
     Z,
     add_box,
 )
-from planfit.synth.walls import Part
 
 LAMP_SPACING_M = 3.5
 _BEYOND_M = 5.0

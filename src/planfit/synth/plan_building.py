@@ -14,14 +14,16 @@ from planfit.priors import DOOR_LEAF_USUAL_WIDTH_M, DOOR_OPENING_M
 from planfit.synth.furniture import Piece
 from planfit.synth.lookalikes import LEAF_THICKNESS_M, Clearance, Poster, door_leaf, place_posters
 from planfit.synth.options import BuildingOptions
-from planfit.synth.plan_space import (
+from planfit.synth.plan_walls import (
     CELL_M,
+    MAX_WALL_M,
     Cells,
     PlanRoom,
+    PlanWalls,
     look_up,
     make_cells,
+    plan_walls,
 )
-from planfit.synth.plan_walls import MAX_WALL_M, PlanWalls, plan_walls
 from planfit.synth.quads import Rect
 
 LARGE_ROOM_M2 = 5.0

@@ -20,8 +20,8 @@ from planfit.synth.building import Building, make_building
 from planfit.synth.mesh import make_lights, make_plan_quads, make_quads, no_lights
 from planfit.synth.options import CameraOptions, SynthOptions
 from planfit.synth.plan_building import PlanBuilding, make_plan_building
-from planfit.synth.plan_route import DOOR_CLEARANCE_M, find_plan_route, read_path
 from planfit.synth.render import Renderer, View
+from planfit.synth.route import DOOR_CLEARANCE_M, find_plan_route, read_path
 from planfit.synth.sensor_noise import drift_poses, noisy_color, noisy_depth
 from planfit.synth.storeys import (
     make_storeyed_lights,

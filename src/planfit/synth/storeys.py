@@ -9,6 +9,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.faces import Rows
 from planfit.scan.types import Label
 from planfit.synth.building import Building, make_storey
+from planfit.synth.layout import Stairs
 from planfit.synth.mesh import make_lights, make_quads
 from planfit.synth.options import BuildingOptions, WalkOptions
 from planfit.synth.quads import (
@@ -25,7 +26,6 @@ from planfit.synth.quads import (
     add_box,
 )
 from planfit.synth.route import find_route
-from planfit.synth.stairs import Stairs
 from planfit.synth.walk import evenly_moving, heading, inwards_of, look_ahead, resample, walk_ahead
 
 ON_STAIRS = -1

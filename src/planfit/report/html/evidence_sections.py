@@ -17,7 +17,7 @@ from planfit.pipeline.strength import DirectionStrength
 from planfit.report.formatting import SPACE, length, quantity, share
 from planfit.report.html import tables
 from planfit.report.html.tables import captioned, plural, table
-from planfit.report.key_metrics import TruthErrors
+from planfit.report.measures import TruthErrors
 from planfit.report.plots import charts
 from planfit.survey import PointResidual, RoleResiduals, SurveyResiduals
 from planfit.units import bare, column

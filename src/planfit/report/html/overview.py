@@ -15,8 +15,7 @@ from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
 from planfit.report.html import tables
 from planfit.report.html.tables import captioned, side_by_side, sides, width_pt
-from planfit.report.key_metrics import KeyMetric
-from planfit.report.measures import BeforeAfter, StoreyMeasures
+from planfit.report.measures import BeforeAfter, KeyMetric, StoreyMeasures
 from planfit.report.plots import colors
 from planfit.report.plots.overlay import choose_close_ups, fit_in_words, side_picture
 from planfit.report.plots.top_view import Crop, Mark

@@ -31,14 +31,21 @@ from planfit.report.html.overview import (
     storeys_section,
     three_numbers,
 )
-from planfit.report.html.photos import items_with_photos
+from planfit.report.html.sections import items_with_photos
 from planfit.report.html.view_section import view_data, view_script, view_section, view_style
-from planfit.report.key_metrics import TruthErrors, key_metrics, reasons_in_words, told_first
-from planfit.report.measures import BeforeAfter, measure, measure_storeys
+from planfit.report.measures import (
+    BeforeAfter,
+    TruthErrors,
+    key_metrics,
+    measure,
+    measure_storeys,
+    reasons_in_words,
+    told_first,
+)
 from planfit.report.options import Provenance
 from planfit.report.plots.overlay import choose_close_ups
 from planfit.report.plots.top_view import Crop, Mark, crop_to_scan
-from planfit.report.scene.scene import Scene
+from planfit.report.scene import Scene
 from planfit.units import asked
 
 _COLOR = {Outcome.REFINED: "good", Outcome.IMPROVED: "fair", Outcome.NO_BETTER: "bad"}

@@ -12,8 +12,7 @@ import numpy as np
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
-from planfit.report.key_metrics import KeyMetric
-from planfit.report.measures import BeforeAfter, Measures
+from planfit.report.measures import BeforeAfter, KeyMetric, Measures
 from planfit.report.plots.drawing import PANEL_PT, Drawing, to_svg
 from planfit.report.plots.overlay import WIDE_PT, is_wide
 from planfit.report.plots.top_view import Crop

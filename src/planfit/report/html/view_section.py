@@ -4,7 +4,7 @@ from importlib import resources
 
 from planfit.report.html.as_built_section import COLORS
 from planfit.report.html.tables import color_keys
-from planfit.report.scene.scene import Scene, encode_levels, scene_json
+from planfit.report.scene import Scene, encode_levels, scene_json
 
 SCRIPTS = (
     "matrix.js",

@@ -13,8 +13,7 @@ from planfit.report import formatting
 from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
 from planfit.report.plots import colors
 from planfit.report.plots.axes import LEGEND_PT, Axes, Entry
-from planfit.report.plots.drawing import PANEL_PT, Drawing, Words
-from planfit.report.plots.raster import to_image, to_png
+from planfit.report.plots.drawing import PANEL_PT, Drawing, Words, to_image, to_png
 from planfit.report.plots.top_view import (
     Crop,
     Mark,

@@ -12,8 +12,7 @@ from planfit.floorplan.formats.picture import load_picture
 from planfit.geometry import segments
 from planfit.report.plots import colors
 from planfit.report.plots.axes import BOTTOM_PT, LEGEND_PT, RIGHT_PT, Axes, Entry, entry_pt
-from planfit.report.plots.drawing import Box, Cells, Drawing, Shape, Words
-from planfit.report.plots.raster import DPI, to_png
+from planfit.report.plots.drawing import DPI, Box, Cells, Drawing, Shape, Words, to_png
 
 _SIDE_PX, _LEFT_PT = 1600, 50.0
 _MARGIN = 1 / 38

@@ -12,8 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.report.plots import colors
 from planfit.report.plots.axes import LEGEND_PT, Entry
-from planfit.report.plots.drawing import PANEL_PT, Words
-from planfit.report.plots.raster import to_png
+from planfit.report.plots.drawing import PANEL_PT, Words, to_png
 from planfit.report.plots.top_view import (
     Crop,
     draw_path,

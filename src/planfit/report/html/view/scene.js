@@ -1,4 +1,4 @@
-// Decodes the scene that `planfit.report.scene.scene` wrote into the page.
+// Decodes the scene that `planfit.report.scene` wrote into the page.
 const bytesOf = (base64) => Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
 const floatsOf = (base64) => new Float32Array(bytesOf(base64).buffer);
 

@@ -1,1 +1,0 @@
-"""The scene of the report's 3D view: what it shows, and how that is packed into a page."""
