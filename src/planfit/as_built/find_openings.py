@@ -38,7 +38,7 @@ from planfit.priors import DOOR_PASSED_LEAST_M
 
 REACH_M = 0.3
 """The sides of an opening are looked for so far from where it is drawn."""
-INSIDE_M = 0.1
+INSIDE_M = END_M
 """Wall that is seen so far inside of what is looked through may be its side; what is further inside stands in
 the opening."""
 EDGE_SIGMA_M = 0.035

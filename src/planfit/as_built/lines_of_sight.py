@@ -21,7 +21,7 @@ from planfit.segmentation import Structure
 
 BIN_M = 0.1
 """Faces are looked at in parts of this length."""
-END_M = 0.1
+END_M = BIN_M
 """This much of a face is left out at either end: poses and the drawing are off by centimetres."""
 MAX_POINTS = 800
 """Of a frame, evenly taken: so many lines of sight pass every decimetre of what it sees."""

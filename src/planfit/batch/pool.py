@@ -137,7 +137,6 @@ class LocalPool:
 MEMORY = "MEMORY"
 """Resource that workers may declare (`dask worker --resources MEMORY=16e9`): jobs then wait for it."""
 _CONNECT_S = 20
-_CLUSTER_POLL_S = 0.2
 _WAIT_S = 120.0
 """For the first worker."""
 
@@ -259,7 +258,7 @@ def run_in_process(launcher: Launcher, errand: Errand, lease: str) -> State:
             while (ended := running.poll()) is None:
                 if not Path(lease).exists():
                     return State(End.CRASHED, reason="the batch was stopped")
-                time.sleep(_CLUSTER_POLL_S)
+                time.sleep(_POLL_S)
         finally:
             running.stop()
         state = ended

@@ -13,13 +13,14 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedCo
 from rich.table import Table
 from rich.text import Text
 
+from planfit.cli.commands import WIDTH
 from planfit.cli.speech import USUAL, Speech
 from planfit.errors import OutputError, printable
 from planfit.findings.finding import FEW_NAMED
 from planfit.scan import Scan, corrupt_frames
 from planfit.units import told_in
 
-_LOG_WIDTH = 160
+_LOG_WIDTH = 2 * WIDTH
 SHOWN_FROM_S = 0.05
 """Stages that took less are left out: with one digit they would be told as 0.0 s."""
 COMPILED = (

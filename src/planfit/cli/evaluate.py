@@ -28,6 +28,7 @@ from planfit.evaluation import (
     evaluate,
     read_true_cloud,
 )
+from planfit.evaluation.evaluate import levelled
 from planfit.export.option_files import finite
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
@@ -37,7 +38,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.runtime import Runtime
 from planfit.runtime.run_folder import RECORD
 from planfit.scan import Scan, ScanOptions, calibrated_scan, read_tum
-from planfit.segmentation import Structure, find_gravity, level_from_world, segment_scan
+from planfit.segmentation import Structure
 from planfit.units import asked, in_units, quantity, told_in
 
 _FAR_CM = 30.0
@@ -153,10 +154,7 @@ class _PosesSource:
 
         As in a run they are found in the scan as it was read, and then corrected.
         """
-        options = self.options.segmentation
-        gravity = find_gravity(self.scan, runtime)
-        structure = segment_scan(self.scan, gravity, options, runtime)
-        level = level_from_world(gravity, structure.floor_height_m)
+        level, structure = levelled(self.scan, runtime, self.options.segmentation)
         return level, corrected_structure(structure, self.sensor)
 
 

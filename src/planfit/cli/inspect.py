@@ -66,8 +66,7 @@ def _rows(
 ) -> list[list[str]]:
     sizes = sorted({(camera.width, camera.height) for camera in scan.cameras})
     focal = sorted(camera.fx for camera in scan.cameras)
-    one = f"fx {focal[0]:.1f} px"
-    many = f"fx {focal[0]:.1f} to {focal[-1]:.1f} px"
+    lenses = " to ".join(dict.fromkeys(f"{fx:.1f}" for fx in (focal[0], focal[-1])))
     up = ", ".join(f"{v + 0.0:.3f}" for v in gravity.up_world)
     *sides, height = path.extent_m
     size = " x ".join([*(in_units(v, ".1f", "") for v in sides), in_units(height, ".1f")])
@@ -75,11 +74,7 @@ def _rows(
         ["format", scan.format],
         ["frames", f"{len(scan)}, {scan.frame_ids[0]} to {scan.frame_ids[-1]}"],
         ["times", _times(scan, path)],
-        [
-            "images",
-            ", ".join(f"{w} x {h}" for w, h in sizes)
-            + f" px, {one if focal[-1] - focal[0] < 0.1 else many}",
-        ],
+        ["images", f"{', '.join(f'{w} x {h}' for w, h in sizes)} px, fx {lenses} px"],
         ["colour", "yes" if scan.has_color else "none: the scan is depth alone"],
         [
             "depth",

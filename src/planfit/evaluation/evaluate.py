@@ -187,8 +187,10 @@ def _compare_with_recorded(
     return ComparedPoses(structure, (recorded, in_world), on_plan, floorplan)
 
 
-def levelled(scan: Scan, runtime: Runtime) -> tuple[Float[np.ndarray, "4 4"], Structure]:
+def levelled(
+    scan: Scan, runtime: Runtime, options: SegmentationOptions | None = None
+) -> tuple[Float[np.ndarray, "4 4"], Structure]:
     """level_from_world of a scan, by its gravity and floor, and its floor and walls."""
     gravity = find_gravity(scan, runtime)
-    structure = segment_scan(scan, gravity, SegmentationOptions(), runtime)
+    structure = segment_scan(scan, gravity, options or SegmentationOptions(), runtime)
     return level_from_world(gravity, structure.floor_height_m), structure

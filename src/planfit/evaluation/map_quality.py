@@ -13,6 +13,7 @@ from planfit.errors import require_positive
 from planfit.evaluation.neighbour_kernels import smallest_eigenvalues
 from planfit.evaluation.neighbourhoods import as_matrices, covariances, each_block, make_grid
 from planfit.geometry import se3
+from planfit.priors import DEPTH_REACH_M
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 
@@ -107,7 +108,7 @@ class MapOptions:
     any poses are applied, so that all poses are judged by the same points."""
     radius_m: float = DEPTH_RADIUS_M
     """Neighbourhood; 0.2 for depth cameras, 1.0 for LiDAR."""
-    max_depth_m: float = 8.0
+    max_depth_m: float = DEPTH_REACH_M.value
     """Depth measurements beyond are dropped."""
     frame_step: int = 1
     """One frame in this many is read."""
@@ -130,10 +131,8 @@ class MapSample:
 
     def at(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "m 3"]:
         """All points (m) in the target frame."""
-        points = np.zeros((len(self.points_cam), 3))
-        for i, pose in enumerate(target_from_cams):
-            points[self.start[i] : self.start[i + 1]] = se3.transform(pose, self.of_frame(i))
-        return points
+        frame_idx = np.repeat(np.arange(len(target_from_cams)), np.diff(self.start))
+        return se3.transform_indexed(target_from_cams, frame_idx, self.points_cam)
 
 
 def sample_depth_maps(scan: Scan, options: MapOptions, runtime: Runtime) -> MapSample:

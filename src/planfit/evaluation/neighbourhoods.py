@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import require
 from planfit.evaluation.neighbour_kernels import fill_table, sum_cells, sum_neighbours
+from planfit.runtime import ROWS_AT_A_TIME
 
 Result = TypeVar("Result")
 
@@ -22,8 +23,6 @@ _POINTS_PER_CELL = 50.0
 """Cells are made as small as leaves them this many points on average: smaller ones cost more to visit than
 they save. On surfaces with 50 to 2,200 neighbours 30 to 80 make little difference, 6 doubles the time."""
 _MAX_CELLS_PER_RADIUS = 8
-_POINTS_PER_BLOCK = 100_000
-"""Bounds what a thread holds at a time, 7 MB, and keeps the threads evenly busy."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +153,7 @@ def _block(grid: NeighbourGrid, first: int, last: int) -> tuple[np.ndarray, np.n
 def _blocks(start: np.ndarray) -> list[tuple[int, int]]:
     """Ranges of cells with about as many points each."""
     n = start[-1]
-    cuts = np.searchsorted(start, np.arange(_POINTS_PER_BLOCK, n, _POINTS_PER_BLOCK))
+    cuts = np.searchsorted(start, np.arange(ROWS_AT_A_TIME, n, ROWS_AT_A_TIME))
     edges = np.unique(np.concatenate([[0], cuts, [len(start) - 1]]))
     return list(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True))
 

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.priors import DEPTH_REACH_M
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Scan
 
@@ -69,7 +70,7 @@ def sample_cloud(
     scan: Scan,
     runtime: Runtime,
     max_points: int = Sampling.max_points,
-    max_depth_m: float = 8.0,
+    max_depth_m: float = DEPTH_REACH_M.value,
     frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Cloud:
     """A regular sample of the pixels that have a depth below `max_depth_m`.
@@ -84,7 +85,7 @@ def sample_clouds(
     scan: Scan,
     runtime: Runtime,
     samplings: Sequence[Sampling],
-    max_depth_m: float = 8.0,
+    max_depth_m: float = DEPTH_REACH_M.value,
     frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> tuple[Cloud, ...]:
     """Clouds as `sample_cloud` gives them, one a sampling: each image is opened once for all."""
@@ -134,13 +135,8 @@ def place_cloud(
     cloud: Cloud, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> Float[np.ndarray, "m 3"]:
     """Points (m) in the target frame."""
-    placed = [
-        se3.transform(pose, cloud.points_cam[first:last])
-        for pose, first, last in zip(
-            target_from_cams, cloud.start[:-1], cloud.start[1:], strict=True
-        )
-    ]
-    return np.concatenate(placed)
+    frame_idx = np.repeat(np.arange(len(target_from_cams)), np.diff(cloud.start))
+    return se3.transform_indexed(target_from_cams, frame_idx, cloud.points_cam)
 
 
 def write_ply(

@@ -1,12 +1,8 @@
 """Findings of where on the plan the scan is, and of what leaves that open, and their words."""
 
-import numpy as np
-
-from planfit.findings.finding import Kind, against, note, reservation, warning
+from planfit.findings.finding import Kind, against, note, reservation, some_ids, warning
 from planfit.units import in_units
 
-MAX_NAMED = 6
-"""Points that a warning names."""
 LINES = (
     "weak: the plan shows walls as single lines, so that its scale and the thickness of walls cannot be told "
     "apart; give a plan with both faces of each wall"
@@ -20,9 +16,8 @@ RIVAL = (
 def _apart(
     apart_m: float, apart_deg: float, metres_per_unit: float, other_metres_per_unit: float
 ) -> str:
-    scale = ""
-    if abs(np.log(metres_per_unit / other_metres_per_unit)) > 1e-9:
-        scale = f", scales {metres_per_unit:.4g} and {other_metres_per_unit:.4g} m a unit"
+    scales = f"{metres_per_unit:.4g}", f"{other_metres_per_unit:.4g}"
+    scale = "" if scales[0] == scales[1] else f", scales {' and '.join(scales)} m a unit"
     return f"{in_units(apart_m, '.1f')} and {apart_deg:.0f} deg apart{scale}"
 
 
@@ -89,9 +84,7 @@ def _points_off(points: tuple[str, ...], offs_m: tuple[float, ...]) -> str:
     named = [
         f"{name} ({in_units(off_m)} off there)" for name, off_m in zip(points, offs_m, strict=True)
     ]
-    if len(named) > MAX_NAMED:
-        named[MAX_NAMED:] = [f"{len(named) - MAX_NAMED} more"]
-    return ", ".join(named) or "check them"
+    return some_ids(named) or "check them"
 
 
 class PlanKind(Kind):

@@ -17,7 +17,7 @@ from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import nearest_distance
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
-from planfit.priors import WALL_HEIGHT_M
+from planfit.priors import DRAWING_ROUNDING_M, WALL_HEIGHT_M
 from planfit.report import formatting
 from planfit.report.plots.top_view import find_gaps
 from planfit.report.scene import FAR_M, Scene, SceneFrame, ScenePoints, SceneWall
@@ -34,7 +34,7 @@ _EDGE_PERCENT = 0.5
 """Share of the points on either side that what is seen first need not hold: strays through windows."""
 _MARGIN_M = 3.0
 """Walls further from the scan are left out: a plan may be of a whole campus."""
-_LEAST_LENGTH_M = 0.02
+_LEAST_LENGTH_M = DRAWING_ROUNDING_M.value
 _STATUS = {
     Verdict.AGREES: "agrees",
     Verdict.MOVED: "moved",
@@ -64,7 +64,8 @@ def make_scene(
         as_built: verdicts on the walls of the plan; without, no wall is shown.
     """
     sides = (result.initial_plan_from_cams, result.plan_from_cams)
-    placed = [_placed(points_cam, start, poses) for poses in sides]
+    frame_idx = np.repeat(np.arange(len(scan)), np.diff(start))
+    placed = [se3.transform_indexed(poses, frame_idx, points_cam) for poses in sides]
     bounds = _bounds(placed[1], result.plan_from_cams[:, :3, 3])
     plan = result.floorplan if result.alignment is not None else None
     distances = None
@@ -87,16 +88,6 @@ def make_scene(
         else scene_walls(plan, result, bounds, as_built),
         pictures=pictures,
     )
-
-
-def _placed(
-    points_cam: Float[np.ndarray, "m 3"],
-    start: Int[np.ndarray, " starts"],
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-) -> Float[np.ndarray, "m 3"]:
-    runs = zip(plan_from_cams, start[:-1], start[1:], strict=True)
-    parts = [se3.transform(pose, points_cam[first:last]) for pose, first, last in runs]
-    return np.concatenate([np.zeros((0, 3)), *parts])
 
 
 def _bounds(

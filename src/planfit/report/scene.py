@@ -22,8 +22,6 @@ from planfit.runtime import in_threads
 
 FAR_M = 0.51
 """Distances to the plan end here: what is further is near no wall."""
-REACH_M = 60.0
-"""Points further from their camera along any axis are left out: with them a tile would round by 1 mm."""
 _LEAST_STEP_M = 0.001
 """Of coordinates: points move by half of it at most, less than any depth camera knows, and what is finer is
 noise, which does not compress: 9.3 bytes a point became 7.4 on a real site, with six bits of colour."""
@@ -32,8 +30,10 @@ _DISTANCE_STEP_M = FAR_M / 255
 _FIRST_POINTS, _LEVEL_POINTS = 40_000, 150_000
 """Of the first level, which even a processor without a GPU draws at once, and of the others: one is unpacked
 within a tenth of a second, during which the page stands still."""
-_STEPS = 65535
-"""2**16 - 1: coordinates are kept in 16 bits."""
+_STEPS = np.iinfo(np.uint16).max
+"""Coordinates are kept in 16 bits."""
+REACH_M = _LEAST_STEP_M * _STEPS
+"""Points further from their camera along any axis (66 m) are left out: a tile with them would round by 1 mm."""
 _COLOR_BITS = np.uint8(0xFC)
 """Six bits a channel, which no eye tells from eight in a cloud of dots."""
 

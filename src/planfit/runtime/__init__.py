@@ -15,6 +15,7 @@ from planfit.runtime.cache_chunks import StoredItem as StoredItem
 from planfit.runtime.learned_models import find_weights as find_weights
 from planfit.runtime.learned_models import first_line as first_line
 from planfit.runtime.learned_models import load_model as load_model
+from planfit.runtime.mapped import ROWS_AT_A_TIME as ROWS_AT_A_TIME
 from planfit.runtime.mapped import changed as changed
 from planfit.runtime.mapped import concatenated as concatenated
 from planfit.runtime.mapped import for_kernels as for_kernels

@@ -17,6 +17,7 @@ from planfit.runtime.cache_chunks import TemporaryFolder
 MIN_BYTES = 4_000_000
 """Fewer stay in memory."""
 ROWS_AT_A_TIME = 65_536
+"""Bounds what a pass, or a thread, holds at a time."""
 CAN_LET_GO = hasattr(mmap.mmap, "madvise") and hasattr(mmap, "MADV_DONTNEED")
 """Whether this system takes advice on maps; where it takes none (Windows), all rows stay in memory."""
 

@@ -173,7 +173,7 @@ def _remedy(axes: SurveyAxes, floorplan: Floorplan, given: Float[np.ndarray, "p 
 
 
 DISTINCT_M = 0.5
-"""Points nearer together tell no heading."""
+"""Points may be off by so much anyway (marks, depth): nearer together they tell no heading."""
 LINE_SHARE = 0.03
 """Points whose spread across their line is a smaller share of that along it stand on a line."""
 NEAR_UNIT = 0.06
@@ -181,7 +181,7 @@ NEAR_UNIT = 0.06
 DOUBT_M, DOUBT_SHARE = 0.3, 0.05
 """A misfit (median) beyond both, m and as a share of the extent, asks for a reason."""
 BETTER = 1 / 3
-"""A reason must bring the misfit down to this share."""
+"""A reason must bring the misfit, or the worst contradiction, down to this share."""
 HOPELESS_SHARE = 0.25
 """Beyond this share of the extent points and scan have nothing to do with each other."""
 EXPECTED = "the survey: expected control points that lie to each other as the scan has them"
@@ -344,7 +344,7 @@ def _agreed(q: np.ndarray, p: np.ndarray, is_metric: bool) -> Bool[np.ndarray, "
         else [(i, int(np.argmax(np.abs(p - p[i])))) for i in idx]
     )
     for i, j in pairs:
-        if abs(q[i] - q[j]) < 1e-9 or abs(p[i] - p[j]) < DISTINCT_M:
+        if q[i] == q[j] or abs(p[i] - p[j]) < DISTINCT_M:
             continue
         used = np.isin(idx, [int(i), int(j)])
         factor, shift = _similarity(q, p, used, is_metric)

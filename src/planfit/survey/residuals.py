@@ -12,7 +12,15 @@ from planfit.errors import OptionError
 from planfit.geometry import se3
 from planfit.priors import DRIFT_SHARE
 from planfit.runtime import short_repr
-from planfit.survey.fit import EXPECTED, UNITS, are_apart, fit_rigid_2d, other_axes
+from planfit.survey.fit import (
+    BETTER,
+    DISTINCT_M,
+    EXPECTED,
+    UNITS,
+    are_apart,
+    fit_rigid_2d,
+    other_axes,
+)
 from planfit.survey.types import LiftedMarks, Survey, SurveyAxes
 
 SWAPPED_SHARE = 0.25
@@ -200,16 +208,12 @@ def _rms(values: Float[np.ndarray, " n"]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-LEAST_M = 0.5
-"""Points may be off by so much anyway: marks, depth."""
 MAX_DRIFT_SHARE = DRIFT_SHARE.value
 """And by this share of the path between: no tracker loses as much."""
 NEIGHBOURS = 4
 """Points that predict one, the nearest along the path: the further, the more drift explains."""
 MAX_SUSPECTS = 12
 """Points of which pairs are tried for swapped ids, those that contradict most."""
-BETTER = 1 / 3
-"""A mistake in all points must bring the worst contradiction down to this share."""
 FEWEST = 4
 """Of fewer points that contradict each other, nothing tells which is wrong."""
 
@@ -312,7 +316,7 @@ def _excess(
     near = np.argsort(path_m, kind="stable")[: min(NEIGHBOURS, len(level) - 1)]
     if len(near) == 0:
         return 0.0
-    allowed = max(LEAST_M, MAX_DRIFT_SHARE * float(path_m[near].mean()))
+    allowed = max(DISTINCT_M, MAX_DRIFT_SHARE * float(path_m[near].mean()))
     z = level[:, 2] - site[:, 2]
     known = near[np.isfinite(z[near])]
     up = abs(z[k] - np.median(z[known])) if len(known) and np.isfinite(z[k]) else 0.0

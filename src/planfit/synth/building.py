@@ -42,7 +42,7 @@ class WallFaces:
     """Whether the face is of a column."""
 
 
-OUTSIDE, OPENING = -1, -2
+OUTSIDE, OPENING, _SOLID = -1, -2, -3
 
 
 def wall_faces(layout: BuildingLayout, outer_thickness: float) -> WallFaces:
@@ -65,7 +65,6 @@ def wall_faces(layout: BuildingLayout, outer_thickness: float) -> WallFaces:
     return WallFaces(np.array(ends), table[:, 0], table[:, 1], table[:, 2].astype(bool))
 
 
-_SOLID = -3
 _SAME_M = 1e-9
 
 

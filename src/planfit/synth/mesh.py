@@ -8,7 +8,7 @@ import numpy as np
 
 from planfit.geometry import segments
 from planfit.scan.types import Label
-from planfit.synth.building import Building, Part, copied_rooms
+from planfit.synth.building import OUTSIDE, Building, Part, copied_rooms
 from planfit.synth.furniture import Piece, add_hangings
 from planfit.synth.lookalikes import Poster, turn_to
 from planfit.synth.options import OUTER_WALL_M
@@ -31,7 +31,7 @@ from planfit.synth.quads import (
 LAMP_SPACING_M = 3.5
 _BEYOND_M = 5.0
 """Floor and ceiling reach so far out of the building: what is seen through its outer doors."""
-_UNLIT = -1
+_UNLIT = OUTSIDE
 """Light does not depend on the room: rooms of a plan have any shape, so that lamps would shine through
 walls. Walls of different directions differ a little in brightness, so that corners show."""
 

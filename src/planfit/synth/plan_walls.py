@@ -181,7 +181,7 @@ def _soffits(
 
 
 CELL_M = 0.1
-_INSIDE_CELL_M = 0.2
+_INSIDE_CELL_M = 2 * CELL_M
 _N_RAYS = 16
 _ON_WALL_M = 1e-6
 """What lies so near to a wall lies on it, and meets it in every direction."""

@@ -11,6 +11,7 @@ from scipy.sparse import csgraph
 
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
+from planfit.priors import DOOR_PASSED_LEAST_M
 from planfit.scan.poses import read_tum
 from planfit.synth.building import Building
 from planfit.synth.options import WalkOptions
@@ -205,7 +206,7 @@ def trace(before: Int[np.ndarray, " n"], start: int, stop: int) -> list[int]:
 
 _SQUEEZE_PRICE = 8.0
 """Ways through doors narrower than twice the clearance count as so much longer, at their narrowest."""
-DOOR_CLEARANCE_M = 0.25
+DOOR_CLEARANCE_M = DOOR_PASSED_LEAST_M.value / 2
 """How near the camera comes to walls, m, in doors narrower than twice `clearance_m`: half a narrow
 passage."""
 _NEAR_M = 20.0

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from planfit.matching.pairs import PairOptions
 from planfit.pipeline.evidence import Evidence
 from planfit.pipeline.result import RefineResult
 from planfit.report import formatting
@@ -17,7 +18,7 @@ from planfit.report.plots.drawing import PANEL_PT, Drawing, to_svg
 from planfit.report.plots.overlay import WIDE_PT, is_wide
 from planfit.report.plots.top_view import Crop
 
-LOOP_MIN_FRAMES = 4
+LOOP_MIN_FRAMES = PairOptions.neighbours
 """Pairs of frames further apart than this are loop closures."""
 _TERMS = {
     "points": "matched points",

@@ -9,6 +9,7 @@ from PIL import Image
 from planfit.evaluation import NEAR_FACE_M
 from planfit.floorplan import Floorplan
 from planfit.pipeline.result import RefineResult
+from planfit.priors import WALL_AS_BUILT_SIGMA_M
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
 from planfit.report.plots import colors
@@ -34,10 +35,10 @@ _WIDE = 0.55
 
 SIZE_M = 8.0
 """Side of the window of a close-up."""
-_MIN_DIFFERENCE_M = 0.02
+_MIN_DIFFERENCE_M = WALL_AS_BUILT_SIGMA_M.value
 _MIN_POINTS = 50
-_CELLS = 8
-"""Cells a window has each way."""
+_CELLS = round(SIZE_M)
+"""Cells a window has each way, of a metre."""
 _NAMED_PATHS, _NAME_LENGTH = 3, 16
 """Paths of several scans that a legend names, and how long a name may be there."""
 

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from planfit.alignment import AlignmentHypothesis, WallSamples
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.priors import TRACKER_TILT_SIGMA_DEG
 from planfit.report.plots import colors
 from planfit.report.plots.axes import LEGEND_PT, Entry
 from planfit.report.plots.drawing import PANEL_PT, Words, to_png
@@ -24,8 +25,8 @@ from planfit.report.plots.top_view import (
 
 LOW_M, HIGH_M = -1.1, 0.5
 """Heights against the camera between which points are drawn: walls and furniture, no floor and no ceiling."""
-_LEVEL_COSINE = 0.9998
-"""Axes within 1 deg of level: 50 m away, points are then a metre off at most."""
+_LEVEL_COSINE = np.cos(np.deg2rad(TRACKER_TILT_SIGMA_DEG.value))
+"""Axes of a tracker that knows gravity: 50 m away, points are then a metre off at most."""
 _TITLE_PT = 18
 
 
