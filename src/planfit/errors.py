@@ -81,11 +81,6 @@ def told_as(kind: type[PlanfitError], path: Path, expected: str) -> Iterator[Non
     """Whatever parsing a file raises becomes an error of the file: libraries raise what they come across.
 
     What the operating system says of files, and errors of planfit, pass.
-
-    Args:
-        kind: of the error.
-        path: of the file.
-        expected: what it should be, "an IFC model".
     """
     try:
         yield

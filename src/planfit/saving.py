@@ -151,14 +151,6 @@ def write_run(
     Of several scans what all came to, and into `scans/NAME` what a run of each alone writes, but its report.
     Poses, numbers and the overlay first: they stay where what needs the images once more, clouds and report,
     is interrupted or fails.
-
-    Args:
-        run: its folder.
-        inputs: what it was given.
-        result: what it found.
-        runtime: threads and progress.
-        errors: against true poses, where these are known, for the report.
-        timer: of what was done before and is not in the result's own times, such as reading.
     """
     timer = timer or StageTimer(runtime)
     inputs = replace(inputs, made=replace(inputs.made, plan_sha256=inputs.plan_sha256))

@@ -69,14 +69,7 @@ def compare_as_built(result: RefineResult, options: AsBuiltOptions | None = None
 def judge_walls(
     floorplan: Floorplan, placed: PlacedWalls, sight: LinesOfSight, options: AsBuiltOptions
 ) -> AsBuilt:
-    """The same of a plan, wall patches and lines of sight.
-
-    Args:
-        floorplan: as drawn, m.
-        placed: from `place_walls`.
-        sight: from `lines_of_sight`.
-        options: tolerances.
-    """
+    """The same of a plan, wall patches and lines of sight."""
     offsets = find_offsets(placed, floorplan, sight)
     through = through_shares(sight, floorplan, HEIGHTS_M, MIN_FRAMES)
     judged = np.flatnonzero(floorplan.lengths >= MIN_LENGTH_M)
@@ -174,14 +167,7 @@ MIN_PATCHES, MIN_NEW_LENGTH_M = 3, 0.6
 def find_new_walls(
     placed: PlacedWalls, is_open: Bool[np.ndarray, " k"], floorplan: Floorplan, sight: LinesOfSight
 ) -> list[Piece]:
-    """Walls that patches of no face make up, the longest first.
-
-    Args:
-        placed: patches in the plan frame.
-        is_open: those that no face stands for.
-        floorplan: as drawn: where it draws a wall in line, none is new.
-        sight: what is seen over is no wall.
-    """
+    """Walls that patches of no face make up, the longest first."""
     of_patches = placed.storeys_of_patches
     above_m = placed.points[:, 2] - sight.floors_m[placed.point_frame_idx]
     pieces = []

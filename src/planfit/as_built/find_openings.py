@@ -98,13 +98,7 @@ class _Along:
 
 
 def look_at(gap: Gap, placed: PlacedWalls, sight: LinesOfSight) -> AsBuiltOpening:
-    """What is seen of an opening where its wall stands, as if it were drawn there.
-
-    Args:
-        gap: the opening, plan frame.
-        placed: points of wall.
-        sight: what is looked through.
-    """
+    """What is seen of an opening where its wall stands, as if it were drawn there."""
     along = (gap.ends[1] - gap.ends[0]) / gap.width_m
     wide = gap.ends + REACH_M * np.array([-along, along])
     at, frame = crossings(sight, wide, gap.storey)
@@ -229,14 +223,7 @@ MIN_NEW_M = DOOR_PASSED_LEAST_M.value
 def find_openings(
     as_built: AsBuilt, floorplan: Floorplan, placed: PlacedWalls, sight: LinesOfSight
 ) -> tuple[AsBuiltOpening, ...]:
-    """Openings of the plan in its order, then those of walls that are drawn without.
-
-    Args:
-        as_built: verdicts on the walls: an opening moves along with its wall.
-        floorplan: as drawn, m.
-        placed: points of wall.
-        sight: what is looked through.
-    """
+    """Openings of the plan in its order, then those of walls that are drawn without."""
     drawn = find_gaps(floorplan, as_built.options.opening_widths_m)
     found = [_seen(gap, True, as_built, floorplan, placed, sight) for gap in drawn]
     for gap in _undrawn(as_built, floorplan, sight):

@@ -69,13 +69,7 @@ def lines_of_sight(
     plan_from_cams: Float[np.ndarray, "n 4 4"],
     floors_m: Float[np.ndarray, " n"],
 ) -> LinesOfSight:
-    """What each camera sees: nothing stands between it and what it shows.
-
-    Args:
-        structure: points of floor, ceiling, walls.
-        plan_from_cams: refined poses.
-        floors_m: height of the floor that each camera stands over, plan frame, m.
-    """
+    """What each camera sees, which stands over a floor of this height (plan frame, m): nothing is between."""
     points = np.concatenate(
         [
             structure.floor.points_cam,

@@ -52,10 +52,6 @@ class RoomAsBuilt:
 def rooms_as_built(floorplan: Floorplan, as_built: AsBuilt) -> tuple[RoomAsBuilt, ...]:
     """Rooms of a plan of one storey whose faces know their free sides, in the order of their areas, largest
     first; none of other plans.
-
-    Args:
-        floorplan: as drawn, m.
-        as_built: verdicts on its walls.
     """
     if floorplan.storeys is not None or len(floorplan) == 0:
         return ()

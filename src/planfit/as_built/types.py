@@ -209,12 +209,7 @@ def title(wall: AsBuiltWall, verdict: Verdict) -> str:
 
 
 def deviations(as_built: AsBuilt, tolerance_m: float | None = None) -> tuple[Deviation, ...]:
-    """Walls that are not as planned, the longest first.
-
-    Args:
-        as_built: verdicts on faces.
-        tolerance_m: another than that of the options.
-    """
+    """Walls that are not as planned, the longest first."""
     found = []
     for verdict in _DEVIATING:
         of_kind = [w for w in as_built.walls if as_built.verdict(w, tolerance_m) is verdict]

@@ -206,13 +206,7 @@ def place_walls(
 def find_offsets(
     placed: PlacedWalls, floorplan: Floorplan, sight: LinesOfSight
 ) -> dict[int, FaceOffset]:
-    """Where the faces stand that enough patches agree on, or, where there are few, enough frames as drawn.
-
-    Args:
-        placed: patches and points in the plan frame.
-        floorplan: as drawn.
-        sight: what is seen over is no wall that was moved.
-    """
+    """Where the faces stand that enough patches agree on, or, where there are few, enough frames as drawn."""
     found = {}
     for face in np.unique(placed.face_idx[placed.face_idx >= 0]):
         own = np.flatnonzero(placed.face_idx == face)

@@ -24,9 +24,6 @@ _MARGIN = 1.15
 def free_bytes(root: Path = Path("/")) -> int | None:
     """Memory that can be had now: of the machine, or of the control group that this process is in (a
     container, a job of Slurm); None where the system does not tell.
-
-    Args:
-        root: of the file system; of another one in tests.
     """
     limits = []
     try:

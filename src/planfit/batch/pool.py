@@ -149,11 +149,6 @@ def run_on_cluster(
     A worker that dies takes its job's process with it; the scheduler hands the job to another worker, which
     goes on from the stages that are in the cache.
 
-    Args:
-        address: of the scheduler, `tcp://host:8786`.
-        launcher: how a worker starts a job.
-        tasks: the jobs.
-
     Raises:
         OptionError: there is no scheduler, or no worker.
         OutputError: a worker does not see the folder of the batch.

@@ -77,11 +77,7 @@ def completion_command(arguments: CompletionArguments) -> int:
 
 
 def completions(words: Sequence[str]) -> list[str]:
-    """What may take the place of the last of the words behind `planfit`; nothing where a file may.
-
-    Args:
-        words: the words so far; the last is the one to complete, which may be empty.
-    """
+    """What may take the place of the last of the words behind `planfit`; nothing where a file may."""
     *before, last = words or [""]
     found: list[str] = []
     if not before:

@@ -84,13 +84,7 @@ def run(argv: Sequence[str]) -> int:
 
 
 def in_one_line(action: Callable[[], int], kept: str, speech: Speech = USUAL) -> int:
-    """The exit code of an action; errors of the input become one line on stderr, and so does Ctrl-C.
-
-    Args:
-        action: what is done; gives its exit code.
-        kept: what an interrupted run leaves, in words.
-        speech: how errors are told.
-    """
+    """The exit code of an action; errors of the input become one line on stderr, and so does Ctrl-C."""
     try:
         return action()
     except SystemExit as stop:  # the parser has told what was wrong, or printed its help

@@ -27,11 +27,6 @@ Options = TypeVar("Options")
 def parse(arguments_type: Any, prog: str, argv: Sequence[str]) -> Any:
     """Arguments of a command; those of --preset and of the TOML file of --config come before the flags.
 
-    Args:
-        arguments_type: dataclass, or a union of dataclasses: commands of a command.
-        prog: what stands before the arguments, for messages.
-        argv: words of the command line.
-
     Raises:
         SystemExit: help was asked for, and printed.
         OptionError: the words are not what the command takes; or the file of options is missing, or has an

@@ -125,11 +125,8 @@ def read_plan(arguments: RefineArguments, scan: Scan) -> Floorplan | dict[int, F
 def read_plans(words: Sequence[str], options: PlanOptions) -> Floorplan | dict[int, Floorplan]:
     """One plan, or plans by the number of their storey.
 
-    A file that is given for several storeys holds them: of each, the storey of its number is read.
-
-    Args:
-        words: `FILE`, or `NUMBER=FILE` once or more.
-        options: how to read them.
+    Words are `FILE`, or `NUMBER=FILE` once or more. A file that is given for several storeys holds them: of
+    each, the storey of its number is read.
 
     Raises:
         OptionError: a number is none or comes twice, or there are several plans without numbers.

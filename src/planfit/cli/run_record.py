@@ -75,10 +75,6 @@ class RunRecord:
 
         What is extracted from it is in the run's cache, by a sensor that is not corrected yet.
 
-        Args:
-            moved_to: where it is now, if it was moved.
-            options: how to read it, if not as the run did.
-
         Raises:
             ScanError: it is not there, or has other frames.
             OptionError: the run's convention has no such name here.

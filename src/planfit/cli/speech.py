@@ -100,10 +100,6 @@ def split_speech(words: Sequence[str]) -> tuple[list[str], dict[str, str]]:
 def speaking(flags: dict[str, str], command: Sequence[str]) -> Iterator[Speech]:
     """How a command speaks while the context lasts.
 
-    Args:
-        flags: from `split_speech`.
-        command: the whole command line, for the log and the records of runs.
-
     Raises:
         OSError: the log cannot be written.
     """

@@ -41,9 +41,6 @@ def compile_what_is_not_ready(report: Callable[[str, int, int], None]) -> bool:
     Nothing is done where the package has them ready, and nothing is said where numba has kept all. In
     processes of their own: numba compiles one at a time in each.
 
-    Args:
-        report: told `COMPILING`, when it begins and ends.
-
     Raises:
         OutputError: a kernel cannot be compiled.
     """

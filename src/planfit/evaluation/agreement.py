@@ -121,11 +121,6 @@ def looked_through_share(
     """Of the points of first views that fall on what second views see, the share that these look through.
 
     Points behind what the second view sees say nothing and do not count; NaN where no view falls on another.
-
-    Args:
-        thumbnails: small depth maps.
-        target_from_cams: poses of their frames.
-        pairs: first and second view.
     """
     n_through = n_agree = 0
     for i, j in pairs:

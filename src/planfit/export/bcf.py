@@ -45,12 +45,6 @@ def write_bcf(
     """A topic for each wall that was moved, is missing, or is new, and each opening that is closed or new; m,
     z from the floor of the plan.
 
-    Args:
-        path: `.bcf` or `.bcfzip`.
-        as_built: verdicts.
-        tolerance_m: another than that of its options.
-        now: when the topics were made, if not now.
-
     Raises:
         OutputError: the file cannot be written.
     """

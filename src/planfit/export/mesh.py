@@ -87,13 +87,6 @@ def fuse_mesh(
     Frames are read one after another, and large scans are fused tile by tile (`cut_tiles`), so that memory
     grows with neither.
 
-    Args:
-        scan: whose images are fused.
-        target_from_cams: poses.
-        voxel_m: edge of a voxel; details below about two of them are lost.
-        max_depth_m: depth beyond is left out.
-        runtime: whose progress is told.
-
     Raises:
         OutputError: Open3D is missing, or no frame has depth that is near enough.
         ScanError: an image cannot be read.

@@ -33,10 +33,6 @@ def find_browser() -> str:
 def print_page(page: Path, pdf: Path) -> None:
     """Print a page that needs nothing but its own file.
 
-    Args:
-        page: HTML.
-        pdf: to write, of any suffix.
-
     Raises:
         OutputError: no browser is there, or it does not print.
     """

@@ -29,13 +29,8 @@ def write_sigmas(
     covariances: Float[np.ndarray, "n 6 6"],
     keyframe_idx: Int[np.ndarray, " k"],
 ) -> None:
-    """Write `trajectory_sigma.csv`.
-
-    Args:
-        path: of the file.
-        scan: whose frames they are.
-        covariances: of their poses [rad^2, rad m, m^2], tangents (rotation, translation), axes of the plan.
-        keyframe_idx: frames whose images were looked at; others follow them by the recorded motion.
+    """Write `trajectory_sigma.csv`, of pose covariances [rad^2, rad m, m^2], tangents (rotation,
+    translation), axes of the plan. Frames but keyframes follow these by the recorded motion.
 
     Raises:
         OSError: it cannot be written.

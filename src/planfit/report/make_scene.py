@@ -184,14 +184,7 @@ def scene_walls(
     bounds: Float[np.ndarray, "2 3"],
     as_built: AsBuilt,
 ) -> tuple[SceneWall, ...]:
-    """Faces of the plan near the scan and those that it tells of, and walls that the plan lacks.
-
-    Args:
-        floorplan: plan frame, m.
-        result: of `planfit.refine` with that plan.
-        bounds: lower and upper corner of the scan, plan frame, m.
-        as_built: verdicts on the faces; those too short for one are shown as not seen.
-    """
+    """Faces of the plan near the scan and those that it tells of, and walls that the plan lacks."""
     judged = {w.face_idx: (n, w) for n, w in enumerate(as_built.walls, 1) if w.face_idx >= 0}
     low, high = bounds[0, :2] - _MARGIN_M, bounds[1, :2] + _MARGIN_M
     near = np.all(

@@ -33,7 +33,8 @@ within a tenth of a second, during which the page stands still."""
 _STEPS = np.iinfo(np.uint16).max
 """Coordinates are kept in 16 bits."""
 REACH_M = _LEAST_STEP_M * _STEPS
-"""Points further from their camera along any axis (66 m) are left out: a tile with them would round by 1 mm."""
+"""Points further from their camera along any axis (66 m) are left out: a tile with them would round by 1
+mm."""
 _COLOR_BITS = np.uint8(0xFC)
 """Six bits a channel, which no eye tells from eight in a cloud of dots."""
 

@@ -65,10 +65,6 @@ def whole_folder(
 ) -> Iterator[Path]:
     """An empty folder to write into, which becomes `path` on leaving.
 
-    Args:
-        path: the folder, which is not there yet or is empty.
-        advice: what is to be done where it cannot be written.
-
     Raises:
         OutputError: it cannot be written.
     """

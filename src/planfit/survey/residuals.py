@@ -174,14 +174,8 @@ def measure_residuals(
     surveyed: Float[np.ndarray, "p 3"],
     plan_from_cams: Float[np.ndarray, "n 4 4"],
 ) -> tuple[PointResidual, ...]:
-    """Residuals of all points that have marks.
-
-    Args:
-        survey: points.
-        marks: of them, lifted, with the sensor corrected as for the poses.
-        surveyed: all points, plan frame, m.
-        plan_from_cams: of all frames.
-    """
+    """Residuals of all points that have marks, lifted with the sensor corrected as for the poses of all
+    frames."""
     seen = se3.transform_each(plan_from_cams[marks.frame_idx], marks.points_cam)
     sigmas = np.hypot(survey.sigmas_m[marks.point_idx], marks.sigma_m)
     residuals = []

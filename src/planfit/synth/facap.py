@@ -29,12 +29,6 @@ def write_facap(
     storeys there is `plan_0.npy` and so on instead, from the lowest, and `storeys.csv`: frame, storey (-1 on
     stairs), height of its floor, m.
 
-    Args:
-        path: a folder that does not exist yet, or is empty.
-        synthetic: the scan; its world must be the plan's, as this layout demands.
-        on_progress: called with frames done and frames in all, from the calling thread.
-        n_threads: frames rendered and compressed at a time.
-
     Raises:
         OptionError: the scan's world is moved against the plan.
         OutputError: the folder holds files, or cannot be written.

@@ -316,16 +316,8 @@ def add_hangings(
     collector: Collector,
     rng: np.random.Generator,
 ) -> None:
-    """Thin boxes in front of walls, none over another.
-
-    Args:
-        ends: m, faces of walls, the free side on the left of the way from the first end to the second.
-        rooms: index of the room that each face looks into.
-        is_outer: whether nothing but the outside is behind, so that there may be windows.
-        options: how many, and how high doors and windows reach.
-        collector: takes the boxes.
-        rng: source of their kinds, sizes and places.
-    """
+    """Thin boxes in front of faces of walls (m, the free side on the left of the way from the first end to
+    the second), none over another; windows where nothing but the outside is behind."""
     lengths = segments.lengths(ends)
     normals = segments.left_normals(ends)
     for i in range(len(ends)):

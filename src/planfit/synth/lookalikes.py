@@ -51,14 +51,8 @@ def place_posters(
     clearance: Clearance,
     rng: np.random.Generator,
 ) -> tuple[Poster, ...]:
-    """Hang the same poster at so many places.
-
-    Args:
-        count: how many.
-        ends: m, faces of walls, the free side on the left of the way from the first end to the second.
-        rooms: index of the room that each looks into.
-        clearance: of points, building frame: posters are not hung behind furniture.
-        rng: source of the places and of the picture.
+    """Hang the same poster at so many places on faces of walls (m, the free side on the left), not behind
+    furniture.
 
     Raises:
         OptionError: the building has not so many places 5 to 20 m apart.
@@ -102,14 +96,7 @@ def door_leaf(
 ) -> Piece:
     """A door that stands open at a right angle to its wall, with a notice on both sides.
 
-    Args:
-        hinge: where it hangs, m, building frame.
-        into: unit vector, from the wall into the room.
-        width_m: of the leaf.
-        height_m: of the leaf.
-        room: index of the room it opens into.
-        seed: of its textures.
-    """
+    It hangs at `hinge` (m, building frame) and reaches into the room along the unit vector `into`."""
     half, thick = width_m / 2, LEAF_THICKNESS_M / 2
     wood = WOOD_COLORS[2]
     leaf = Box(

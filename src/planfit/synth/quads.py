@@ -265,16 +265,9 @@ def add_box(
     collector: Collector,
     seed: int | None = None,
 ) -> None:
-    """The sides of a box that one can see: not the one it stands on, when that is the floor.
-
-    Args:
-        box: in the frame of its piece.
-        centre: where the piece's origin is, building frame, m.
-        yaw: of the piece, rad.
-        room: index of the room.
-        collector: takes the sides.
-        seed: of the texture of all sides; without, each has its own.
-    """
+    """The sides of a box that one can see: not the one it stands on, when that is the floor. Its piece has
+    its origin at `centre` (building frame, m), turned by `yaw` (rad); without a seed each side has its own
+    texture."""
     c, s = np.cos(yaw), np.sin(yaw)
     rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     low, high = np.array(box.low), np.array(box.high)

@@ -66,12 +66,7 @@ class Renderer:
         )
 
     def render(self, camera: Camera, plan_from_cam: Float[np.ndarray, "4 4"]) -> View:
-        """Render one view.
-
-        Args:
-            camera: intrinsics and image size.
-            plan_from_cam: pose, OpenCV camera axes.
-        """
+        """Render one view."""
         quads, lights = self.quads, self.lights
         shape = (camera.height, camera.width)
         hit = self.hit_quads(camera, plan_from_cam).ravel()
@@ -195,16 +190,8 @@ def first_rectangles(
     v_axis: Float[np.ndarray, "n 3"],
     size: Float[np.ndarray, "n 2"],
 ) -> Int[np.ndarray, "h w"]:
-    """Index of the first rectangle on each pixel's ray, from either side; -1 for none.
-
-    Args:
-        camera: intrinsics and image size.
-        plan_from_cam: pose, OpenCV camera axes.
-        origin: a corner of each rectangle, plan frame, m.
-        u_axis: unit vectors, plan frame.
-        v_axis: unit vectors at right angles to `u_axis`.
-        size: lengths along both axes, m.
-    """
+    """Index of the first rectangle on each pixel's ray, from either side; -1 for none. Axes are unit vectors
+    at right angles from a corner, plan frame, sizes m; camera axes are OpenCV's."""
     u, v = u_axis * size[:, :1], v_axis * size[:, 1:]
     corners = np.stack([origin, origin + u, origin + u + v, origin + v], axis=1).reshape(-1, 3)
     corners = se3.transform(se3.inverse(plan_from_cam), corners).reshape(-1, 4, 3)

@@ -68,13 +68,8 @@ def find_route(
     rng: np.random.Generator,
     start: Float[np.ndarray, "2"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
-    """Points, m, of a way that calls at every room; closed ways end where they begin.
-
-    Args:
-        building: one storey.
-        options: clearance, stops, and whether the way is closed.
-        rng: source of the stops.
-        start: where it begins, m, building frame; without, at a stop.
+    """Points, m, of a way that calls at every room; closed ways end where they begin: at `start` (m, building
+    frame), or at a stop.
 
     Raises:
         OptionError: some room cannot be entered with this clearance.

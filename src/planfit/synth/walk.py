@@ -45,16 +45,8 @@ def walk_along(
     wraps: bool,
     turns_inwards: bool = True,
 ) -> Float[np.ndarray, "n 4 4"]:
-    """Poses plan_from_cam of a walk along a way, OpenCV camera axes.
-
-    Args:
-        route: points of the way, building frame, m.
-        space: where it leads through; corners are rounded only as far as its walls allow.
-        options: the motion of the camera, and how many frames.
-        rng: source of sway and looks around.
-        wraps: whether the walk ends with the view it began with.
-        turns_inwards: whether the view turns away from walls that are near.
-    """
+    """Poses plan_from_cam of a walk along a way (building frame, m), OpenCV camera axes; where it `wraps`, it
+    ends with the view it began with. Corners are rounded only as far as walls allow."""
     walked = walk_ahead(route, space, options, rng)
     inwards = inwards_of(walked, space) if turns_inwards else np.zeros_like(walked)
     yaw = heading(walked, inwards, wraps)
@@ -70,15 +62,8 @@ def look_ahead(
     options: WalkOptions,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, "n 4 4"]:
-    """Poses building_from_cam of a hand that sways and looks around while someone walks.
-
-    Args:
-        walked: points `_STEP_M` apart, building frame, m.
-        floor_z: of the floor below each, m.
-        yaw: of the way ahead, rad.
-        options: the motion.
-        rng: its source.
-    """
+    """Poses building_from_cam of a hand that sways and looks around while someone walks: points `_STEP_M`
+    apart (building frame), heights of the floor below (m), and yaw of the way ahead (rad)."""
     n = len(walked)
     ease = _easing(n)
     yaw = yaw + np.deg2rad(options.look_around_deg) * _swing(n, 2.0, rng) * ease

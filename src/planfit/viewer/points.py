@@ -125,10 +125,6 @@ HEIGHTS_M = (0.5, 2.0)
 def shape_from_above(folder: Path, positions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "k 2"]:
     """Where the cloud of a run stands, plan frame, m; where it has none, the way of the camera.
 
-    Args:
-        folder: of the run.
-        positions: of the cameras.
-
     Raises:
         OSError: the cloud cannot be read.
         ScanError: it is damaged.

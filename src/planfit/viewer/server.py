@@ -41,11 +41,7 @@ class ViewServer(ThreadingHTTPServer):
     allow_reuse_address = False
 
     def __init__(self, session: Session, port: int = 0) -> None:
-        """Bind at once.
-
-        Args:
-            session: what is shown.
-            port: 0 takes one that is free.
+        """Bind at once; port 0 takes one that is free.
 
         Raises:
             OptionError: the port is taken, or may not be used.

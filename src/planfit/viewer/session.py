@@ -153,10 +153,8 @@ class Session:
         return to_drag(self.folder, positions, self.floorplan, record)
 
     def place_dragged(self, pairs: Sequence[dict[str, Any]]) -> None:
-        """Save where the scan was dragged to; where it was before is taken out.
-
-        Args:
-            pairs: `scan` and `plan` of each, as of a place.
+        """Save where the scan was dragged to; where it was before is taken out. Pairs have `scan` and `plan`,
+        as a place has.
 
         Raises:
             OptionError: they are not as they should be, or there is no plan.

@@ -46,11 +46,6 @@ _HEADS = (
 def as_built_section(as_built: AsBuilt, crop: Crop, rooms: Sequence[RoomAsBuilt] = ()) -> str:
     """Words, the control of the tolerance, a map of the part that was scanned, and the table of the walls of
     which something is known.
-
-    Args:
-        as_built: verdicts.
-        crop: part of the plan that is shown.
-        rooms: as built.
     """
     options = as_built.options
     unit, unit_m, step = ("in", INCH_M, 0.125) if asked() == "ft" else ("m", 1.0, 0.005)
@@ -214,12 +209,7 @@ _OPENING_HEADS = (
 
 
 def _openings_section(as_built: AsBuilt, crop: Crop) -> str:
-    """Words and the table; nothing where no opening is known.
-
-    Args:
-        as_built: verdicts.
-        crop: part of the plan that is shown.
-    """
+    """Words and the table; nothing where no opening is known."""
     shown = _shown(as_built.openings, crop)
     if not shown:
         return ""

@@ -60,12 +60,7 @@ def certainty(result: RefineResult, truth: TruthErrors | None) -> str:
 
 
 def disagreement_section(found: Sequence[Disagreement], points: Sequence[str] = ()) -> str:
-    """Suspects, the most suspect first.
-
-    Args:
-        found: visits and walls.
-        points: what is said of control points that the rest contradicts, a sentence each.
-    """
+    """Suspects, the most suspect first; and a sentence for each control point that the rest contradicts."""
     told = "".join(f"<li>{escape(words)}</li>" for words in points)
     of_points = f"<ul>{told}</ul>" if told else ""
     if not found:

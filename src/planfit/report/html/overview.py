@@ -104,13 +104,8 @@ def _close_up(floorplan: Floorplan, both: BeforeAfter, mark: Mark) -> str:
 
 
 def storeys_section(found: Storeys, measured: tuple[StoreyMeasures, ...], crop: Crop) -> str:
-    """A table of the storeys, and the scan on the plan of each.
-
-    Args:
-        found: of the result.
-        measured: those with a plan.
-        crop: what pictures show: the same of all storeys, as they stand over each other.
-    """
+    """A table of the storeys, and the scan on the plan of each, the same part of it, as they stand over each
+    other."""
     near = {each.number: each for each in measured}
     rows = [_storey_row(storey, near) for storey in found.walked]
     heads = ("storey", "plan", "floor", "frames", "its plan lies", "wall points near it")

@@ -249,11 +249,6 @@ def items_with_photos(
 ) -> str:
     """List items of findings and their words (HTML), with photos where there are some: few beside each, and
     twice as many in all.
-
-    Args:
-        items: findings about one scan or several; those about one of several have no photo.
-        result: whose frames they name.
-        pictures: JPEGs by frame.
     """
     left, html = 2 * FEW_NAMED, []
     for finding, words in items:

@@ -131,12 +131,7 @@ def time_table(result: RefineResult) -> str:
 
 
 def statistics_table(result: RefineResult, path_length: float) -> str:
-    """What was seen, and what became of it.
-
-    Args:
-        result: the run.
-        path_length: m, of the recorded path.
-    """
+    """What was seen, and what became of it."""
     matches, structure, adjustment = result.matches, result.structure, result.adjustment
     n_wall, surfaces = structure.n_wall_points, result.surfaces
     rows = [
@@ -229,13 +224,8 @@ class Cell:
 def sortable_table(
     heads: Sequence[str], rows: Sequence[tuple[str, str, tuple[Cell, ...]]], what: str = "walls"
 ) -> str:
-    """A table whose heads sort it (`page.js`); the second column is words, the others are numbers.
-
-    Args:
-        heads: plain text.
-        rows: class, more attributes (HTML), and cells of each.
-        what: is listed, in words.
-    """
+    """A table whose heads sort it (`page.js`), of class, more attributes (HTML), and cells of each row; the
+    second column is words, the others are numbers."""
     kinds = "nw" + "n" * (len(heads) - 2)
     body = "".join(
         f'<tr class="{style}"{f" {more}" if more else ""}>'

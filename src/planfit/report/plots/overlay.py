@@ -49,12 +49,7 @@ def is_wide(crop: Crop) -> bool:
 
 
 def draw_overlay(floorplan: Floorplan | None, both: BeforeAfter) -> bytes:
-    """PNG: the scan's wall points over the plan's faces, before and after, cropped to the scan.
-
-    Args:
-        floorplan: plan frame, m.
-        both: of `measure` with that plan.
-    """
+    """PNG: the scan's wall points over the plan's faces, before and after, cropped to the scan."""
     return to_png(_before_and_after(floorplan, both, crop_to_scan(both)))
 
 

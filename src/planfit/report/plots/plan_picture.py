@@ -31,11 +31,6 @@ def draw_plan_picture(floorplan: Floorplan, path: Path, has_numbers: bool = Fals
     coordinates in which points of the plan are given.
 
     Over the drawing, made pale, where the file is a picture; else over its line work in light grey.
-
-    Args:
-        floorplan: as read.
-        path: of the file that it was read from.
-        has_numbers: whether faces are numbered, as `planfit plan --drop` counts them.
     """
     return to_png(plan_axes(floorplan, path, has_numbers).drawing)
 

@@ -104,14 +104,7 @@ _LINE_PT, _LETTER_PT = 12, 5.5
 def draw_alignment(
     floorplan: Floorplan, walls: WallSamples, hypothesis: AlignmentHypothesis, title: str
 ) -> bytes:
-    """PNG of scanned wall, aligned, over the whole plan.
-
-    Args:
-        floorplan: in metres, at the scale of this hypothesis.
-        walls: samples, level frame.
-        hypothesis: where they go.
-        title: a line or two above the picture.
-    """
+    """PNG of scanned wall, aligned, over the whole plan."""
     plan_from_level = hypothesis.plan_from_level
     rotation, translation = plan_from_level[:2, :2], plan_from_level[:2, 3]
     xy = walls.xy @ rotation.T + translation
