@@ -88,6 +88,6 @@ def column(name: str) -> str:
     return f"{name}, {asked()}"
 
 
-def bare(value_m: float, spec: str = ".3f") -> str:
+def bare(value_m: float) -> str:
     """A length without its unit, for tables that have it in their head."""
-    return f"{value_m / (FOOT_M if asked() == 'ft' else 1):{spec}}"
+    return f"{value_m / (FOOT_M if asked() == 'ft' else 1):.3f}"

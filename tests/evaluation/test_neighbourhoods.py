@@ -67,7 +67,7 @@ def test_far_from_the_origin_nothing_is_lost(rng):
 def test_threads_and_blocks_change_no_bit(rng, monkeypatch):
     points = surfaces(rng, 3000)
     one = all_covariances(points, 0.2)
-    monkeypatch.setattr("planfit.evaluation.neighbourhoods._POINTS_PER_BLOCK", 100)
+    monkeypatch.setattr("planfit.evaluation.neighbourhoods.ROWS_AT_A_TIME", 100)
     for workers in (1, 4):
         again = all_covariances(points, 0.2, workers=workers)
         assert_array_equal(again[0], one[0])

@@ -40,8 +40,10 @@ SURE_SIGMAS = 2.0
 MIN_OPEN_M = 0.3
 """Width of an opening, m, that cameras look through where it is open, or half its width where that is less: a
 door may stand half open, and a window begins above a sill."""
-MIN_CLOSED_SHARE = 0.5
-"""Share of the width of a closed opening that shows wall or a door."""
+MOST_SHARE = 0.5
+"""Share of the width of a closed opening that shows wall or a door, of the length of a missing wall that is
+looked through (a door of 1 m in a wall of 2.5 m is 0.4), of the rim of a room that faces look into it
+from."""
 LEAF_BACK_M = 0.03
 """What closes an opening is a door where it surely stands back from a face of its wall by more than this, m,
 and wall where it surely does from neither, and the wall is thicker than a leaf by more than this."""
@@ -120,7 +122,7 @@ class AsBuiltOpening:
         enough = min(MIN_OPEN_M / self.drawn_width_m, 0.5)
         if self.open_share >= enough:
             return OpeningVerdict.OPEN
-        if self.closed_share >= MIN_CLOSED_SHARE:
+        if self.closed_share >= MOST_SHARE:
             return OpeningVerdict.CLOSED
         return OpeningVerdict.NOT_SEEN
 

@@ -14,7 +14,7 @@ from planfit.errors import ScanError
 from planfit.runtime import options_of
 
 AS_BUILT = "as_built.json"
-_DAMAGES = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
+DAMAGES = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
 """What comes of values of another kind, size or depth than a run writes."""
 
 
@@ -105,7 +105,7 @@ def read_as_built(folder: Path) -> AsBuilt:
             # Runs of versions before these were judged have none.
             tuple(_opening(row) for row in record.get("openings", ())),
         )
-    except (*_DAMAGES, OSError) as error:
+    except (*DAMAGES, OSError) as error:
         raise ScanError(
             f"{path}: expected the walls of a run as built, found a damaged file; run 'planfit refine' again"
         ) from error

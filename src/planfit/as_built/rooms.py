@@ -7,6 +7,7 @@ import shapely
 from jaxtyping import Float, Int
 from shapely.geometry.polygon import orient
 
+from planfit.as_built.openings import MOST_SHARE
 from planfit.as_built.types import AsBuilt, AsBuiltWall
 from planfit.floorplan import Floorplan
 from planfit.floorplan.faces import line_strings
@@ -14,8 +15,6 @@ from planfit.floorplan.gaps import PARALLEL, SAME_CORNER_M, find_gaps
 from planfit.geometry import segments
 from planfit.priors import ROOM_SIDE_M
 
-ENCLOSED_SHARE = 0.5
-"""Of the rim of a room, that faces look into it from: of the inside of a wall none does."""
 ACROSS = 0.1
 """Least cosine between the normals of walls that are not across one another: within 6 degrees of square."""
 
@@ -77,7 +76,7 @@ def _room(
     corners = np.array(polygon.exterior.coords)
     edges = np.stack([corners[:-1], corners[1:]], axis=1)
     faces, lengths = _faces_of(edges, floorplan), segments.lengths(edges)
-    if lengths[faces >= 0].sum() < ENCLOSED_SHARE * lengths.sum():
+    if lengths[faces >= 0].sum() < MOST_SHARE * lengths.sum():
         return None
     of_face = {
         int(face): float(lengths[faces == face].sum()) for face in np.unique(faces) if face >= 0

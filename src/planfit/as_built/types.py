@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.moved_walls import SAME_MOTION_M, is_one_wall
-from planfit.as_built.openings import SURE_SIGMAS, AsBuiltOpening
+from planfit.as_built.openings import MOST_SHARE, SURE_SIGMAS, AsBuiltOpening
 from planfit.errors import require_positive
 from planfit.findings import direction_words
 from planfit.floorplan import Floorplan
@@ -32,9 +32,6 @@ class Verdict(Enum):
 
 
 _DEVIATING = (Verdict.MOVED, Verdict.MISSING, Verdict.NEW)
-MIN_THROUGH_SHARE = 0.5
-"""Share of a wall's length that is looked through where it is missing; a door of 1 m in a wall of 2.5 m
-is 0.4."""
 
 
 @dataclass(frozen=True)
@@ -152,7 +149,7 @@ class AsBuilt:
             return Verdict.NEW
         if wall.is_standing:
             return Verdict.MOVED if abs(wall.offset_m) > tolerance else Verdict.AGREES
-        is_missing = wall.through_share >= MIN_THROUGH_SHARE and not wall.is_glass
+        is_missing = wall.through_share >= MOST_SHARE and not wall.is_glass
         return Verdict.MISSING if is_missing else Verdict.NOT_SEEN
 
     def is_sure(self, wall: AsBuiltWall, tolerance_m: float | None = None) -> bool:

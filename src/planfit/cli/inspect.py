@@ -10,6 +10,7 @@ from jaxtyping import Integer
 
 from planfit.cli.arguments import Flat, Out
 from planfit.cli.console import StageBars, check_suffix, listing, out, tell_scan
+from planfit.findings.finding import MAX_NAMED
 from planfit.report.plots.scan_view import draw_scan_view
 from planfit.runtime import Runtime, write_whole
 from planfit.scan import Scan, ScanOptions, read_scan
@@ -110,5 +111,5 @@ def _times(scan: Scan, path: PathStatistics) -> str:
 def _places(scan: Scan, frames: Integer[np.ndarray, " k"]) -> str:
     if len(frames) == 0:
         return "none"
-    named = ", ".join(scan.frame_ids[i] for i in frames[:6])
-    return f"{len(frames)}, after {named}{' and others' if len(frames) > 6 else ''}"
+    named = ", ".join(scan.frame_ids[i] for i in frames[:MAX_NAMED])
+    return f"{len(frames)}, after {named}{' and others' if len(frames) > MAX_NAMED else ''}"

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import metric_plan
+from planfit.as_built.record import DAMAGES
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
@@ -27,8 +28,6 @@ from planfit.scan.pose_files import take_poses
 from planfit.segmentation import SegmentationOptions
 from planfit.tracking.conventions import RECORDED, apply_convention
 
-_DAMAGES = (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError)
-"""What comes of values of another kind, size or depth than a run writes."""
 MAX_TIME_GAP_S = 1e-4
 """Times that differ by more are those of other frames; `trajectory.tum` keeps microseconds."""
 
@@ -162,7 +161,7 @@ def read_record(folder: Path) -> RunRecord:
             },
             corrections=_corrections(record, where),
         )
-    except (*_DAMAGES, OptionError) as error:
+    except (*DAMAGES, OptionError) as error:
         raise ScanError(
             f"{where}expected the record of a run of this version, found a damaged or an older one; "
             "run 'planfit refine' again"
@@ -232,7 +231,7 @@ def _read_record(folder: Path) -> dict[str, Any]:
         )
     try:
         record = json.loads(path.read_text())
-    except (*_DAMAGES, OSError) as error:
+    except (*DAMAGES, OSError) as error:
         raise ScanError(
             f"{path}: expected the record of a run, found a damaged file; run 'planfit refine' again"
         ) from error

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.errors import ScanError, require
+from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.runtime import short_repr
 from planfit.scan.poses import pair_times
@@ -188,8 +189,8 @@ def pose_differences(
     )
 
 
-def largest_stretches(differences: PoseDifferences, max_count: int = 3) -> tuple[Stretch, ...]:
-    """Stretches around the frames that differ most, the largest first.
+def largest_stretches(differences: PoseDifferences) -> tuple[Stretch, ...]:
+    """A few stretches around the frames that differ most, the largest first.
 
     Each goes as far as half of its peak. What lies beside it, down to a quarter of the peak, belongs to it
     and is no stretch of its own; nor is anything below a quarter of the largest.
@@ -198,7 +199,7 @@ def largest_stretches(differences: PoseDifferences, max_count: int = 3) -> tuple
     least_m = max(MIN_STRETCH_M, 0.25 * float(distance_m.max(initial=0.0)))
     is_free = np.ones(len(distance_m), dtype=bool)
     stretches: list[Stretch] = []
-    while len(stretches) < max_count:
+    while len(stretches) < FEW_NAMED:
         peak = int(np.argmax(np.where(is_free, distance_m, -1.0)))
         if not is_free[peak] or distance_m[peak] < least_m:
             break

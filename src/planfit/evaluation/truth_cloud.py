@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from planfit.errors import ScanError
 from planfit.evaluation.neighbourhoods import as_matrices, covariances, make_grid
 from planfit.geometry import se3
+from planfit.runtime import SEED
 
 _MAX_POINTS = 10_000
 """Points that take part in the registration; NND itself is taken of all points."""
@@ -37,7 +38,7 @@ class NearestNeighbours:
     """The registration."""
 
 
-def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
+def read_true_cloud(path: Path, spacing_m: float) -> TrueCloud:
     """Read a true scan: the points of a cloud, or points on the surface of a mesh, about one in a square of
     `spacing_m`.
 
@@ -56,7 +57,7 @@ def read_true_cloud(path: Path, spacing_m: float, seed: int = 0) -> TrueCloud:
         loaded = loaded.to_mesh()
     if isinstance(loaded, trimesh.Trimesh) and len(loaded.faces):
         count = int(np.clip(loaded.area / spacing_m**2, 1, 20_000_000))
-        points = trimesh.sample.sample_surface(loaded, count, seed=seed)[0]
+        points = trimesh.sample.sample_surface(loaded, count, seed=SEED)[0]
     else:
         points = getattr(loaded, "vertices", np.zeros((0, 3)))
     points = np.asarray(points, dtype=float).reshape(-1, 3)

@@ -70,14 +70,13 @@ def sample_cloud(
     scan: Scan,
     runtime: Runtime,
     max_points: int = Sampling.max_points,
-    max_depth_m: float = DEPTH_REACH_M.value,
     frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> Cloud:
-    """A regular sample of the pixels that have a depth below `max_depth_m`.
+    """A regular sample of the pixels that have a depth within reach of a depth camera.
 
     Of every frame; with `frame_idx`, of these alone, and the others have no points.
     """
-    (cloud,) = sample_clouds(scan, runtime, (Sampling(max_points),), max_depth_m, frame_idx)
+    (cloud,) = sample_clouds(scan, runtime, (Sampling(max_points),), frame_idx)
     return cloud
 
 
@@ -85,7 +84,6 @@ def sample_clouds(
     scan: Scan,
     runtime: Runtime,
     samplings: Sequence[Sampling],
-    max_depth_m: float = DEPTH_REACH_M.value,
     frame_idx: Int[np.ndarray, " k"] | None = None,
 ) -> tuple[Cloud, ...]:
     """Clouds as `sample_cloud` gives them, one a sampling: each image is opened once for all."""
@@ -93,8 +91,8 @@ def sample_clouds(
     per_frame = tuple(
         max(1, min(each.max_per_frame, each.max_points // len(frames))) for each in samplings
     )
-    key = cache_key(scan.fingerprint, per_frame, max_depth_m, frames.tobytes())
-    sample = partial(_sample, scan, frames, per_frame, max_depth_m)
+    key = cache_key(scan.fingerprint, per_frame, DEPTH_REACH_M.value, frames.tobytes())
+    sample = partial(_sample, scan, frames, per_frame)
     items = runtime.map("clouds", key, len(frames), sample)
     clouds = []
     for k in range(len(samplings)):
@@ -198,9 +196,7 @@ def color_or_grey(scan: Scan, frame_idx: int) -> UInt8[np.ndarray, "h w 3"]:
     return np.full((camera.height, camera.width, 3), GREY, np.uint8) if image is None else image
 
 
-def _sample(
-    scan: Scan, frames: Int[np.ndarray, " k"], per_frame: Sequence[int], max_depth_m: float, k: int
-) -> Arrays:
+def _sample(scan: Scan, frames: Int[np.ndarray, " k"], per_frame: Sequence[int], k: int) -> Arrays:
     i = int(frames[k])
     depth, image = scan.files.depth(i), color_or_grey(scan, i)
     found = {}
@@ -211,7 +207,7 @@ def _sample(
         ]
         depth_m = depth[rows, columns]
         with np.errstate(invalid="ignore"):  # NaN, where there is no depth, is not below anything
-            keep = depth_m < max_depth_m
+            keep = depth_m < DEPTH_REACH_M.value
         uv = np.stack([columns[keep], rows[keep]], axis=1).astype(float)
         found[f"points_{at}"] = scan.cameras[i].lift(uv, depth_m[keep]).astype(np.float32)
         found[f"colors_{at}"] = image[rows[keep], columns[keep]]

@@ -28,6 +28,8 @@ the ends of the first run of them, all runs, the words of its parts."""
 
 FEW_NAMED = 3
 """Things of one kind that a sentence names one by one; of more it gives the number."""
+MAX_NAMED = 6
+"""The same of short names: frames, points."""
 
 
 class Severity(StrEnum):
@@ -217,7 +219,8 @@ def frame_ranges(runs: Sequence[tuple[int, int]], max_runs: int = 5) -> str:
 
 def some_ids(ids: Sequence[str]) -> str:
     """The first few of some points' names."""
-    return ", ".join(ids[:6]) + (f" and {len(ids) - 6} more" if len(ids) > 6 else "")
+    more = f" and {len(ids) - MAX_NAMED} more" if len(ids) > MAX_NAMED else ""
+    return ", ".join(ids[:MAX_NAMED]) + more
 
 
 def direction_words(normal: Float[np.ndarray, " 2"], offset_m: float) -> str:

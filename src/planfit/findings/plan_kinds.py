@@ -1,6 +1,6 @@
 """Findings of where on the plan the scan is, and of what leaves that open, and their words."""
 
-from planfit.findings.finding import Kind, against, note, reservation, some_ids, warning
+from planfit.findings.finding import MAX_NAMED, Kind, against, note, reservation, warning
 from planfit.units import in_units
 
 LINES = (
@@ -84,7 +84,9 @@ def _points_off(points: tuple[str, ...], offs_m: tuple[float, ...]) -> str:
     named = [
         f"{name} ({in_units(off_m)} off there)" for name, off_m in zip(points, offs_m, strict=True)
     ]
-    return some_ids(named) or "check them"
+    if len(named) > MAX_NAMED:
+        named[MAX_NAMED:] = [f"{len(named) - MAX_NAMED} more"]
+    return ", ".join(named) or "check them"
 
 
 class PlanKind(Kind):

@@ -288,7 +288,7 @@ def _picture(scan: Scan, chosen: Int[np.ndarray, " k"], turns: list[int], k: int
     frame = int(chosen[k])
     image = scan.files.color(frame)
     if image is None:
-        image = _grey(scan.files.depth(frame))
+        image = depth_in_grey(scan.files.depth(frame))
     height = max(1, round(image.shape[0] * WIDTH_PX / image.shape[1]))
     if image.shape[1] > WIDTH_PX:
         image = cv2.resize(image, (WIDTH_PX, height), interpolation=cv2.INTER_AREA)
@@ -298,7 +298,7 @@ def _picture(scan: Scan, chosen: Int[np.ndarray, " k"], turns: list[int], k: int
     return {"jpeg": np.frombuffer(buffer.getvalue(), dtype=np.uint8)}
 
 
-def _grey(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
+def depth_in_grey(depth: Float[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w 3"]:
     """Near is white, far is dark, unknown is black."""
     known = np.isfinite(depth) & (depth > 0)
     if not known.any():

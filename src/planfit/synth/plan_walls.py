@@ -17,7 +17,6 @@ MIN_WALL_M, MAX_WALL_M = WALL_FACES_APART_M.both
 """Faces that look away from each other are of one wall when they are so far apart."""
 _SAME_M = DRAWING_ROUNDING_M.value
 """What lies nearer to a face than this, and along it, is that face drawn again."""
-_SHORTEST_M = DRAWING_ROUNDING_M.value
 
 
 @dataclass(frozen=True)
@@ -74,10 +73,10 @@ def plan_walls(
     closing = _closing(ends, pairs)
     backs = _backs(ends, is_oriented, pairs, single_wall_m)
     more = np.concatenate([closing, backs])
-    more = more[segments.lengths(more) > _SHORTEST_M]
+    more = more[segments.lengths(more) > _SAME_M]
     more = more[~_repeats(more, ends)]
     openings = np.zeros((0, 2, 2)) if floorplan.openings is None else floorplan.openings
-    openings = openings[segments.lengths(openings) > _SHORTEST_M]
+    openings = openings[segments.lengths(openings) > _SAME_M]
     return PlanWalls(
         np.concatenate([ends, more]),
         np.concatenate([is_oriented, np.zeros(len(more), dtype=bool)]),
@@ -95,7 +94,7 @@ def _without(
     for i, line in enumerate(line_strings(ends)):
         left = shapely.get_parts(shapely.difference(line, hole))
         for part in left:
-            if part.length > _SHORTEST_M:
+            if part.length > _SAME_M:
                 at = shapely.get_coordinates(part)[[0, -1]]
                 along = np.argsort((at - ends[i, 0]) @ (ends[i, 1] - ends[i, 0]))
                 parts.append(at[along])

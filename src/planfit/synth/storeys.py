@@ -184,5 +184,5 @@ def _on_stairs(building: StoreyedBuilding, k: int, is_up: bool) -> _Leg:
     way = resample(building.stairs.way_up)
     way = way if is_up else way[::-1]
     z, rise = way[:, 2], building.stairs.rise_m
-    storeys = np.where(z < 1e-6, k, np.where(z > rise - 1e-6, k + 1, ON_STAIRS))
+    storeys = np.where(z <= 0, k, np.where(z >= rise, k + 1, ON_STAIRS))
     return _Leg(way[:, :2], z + building.floors_z[k], np.zeros((len(way), 2)), storeys)

@@ -29,6 +29,7 @@ from planfit.errors import OptionError, OutputError, PlanfitError
 from planfit.floorplan import Floorplan
 from planfit.floorplan.edits import faces_at
 from planfit.geometry import segments
+from planfit.report.make_scene import depth_in_grey
 from planfit.runtime.run_folder import finished_record
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
@@ -180,10 +181,7 @@ class Session:
         self._require_frame(frame)
         color = self.scan.files.color(frame)
         if color is None:
-            depth = self.scan.files.depth(frame)
-            far = float(np.nanmax(np.where(np.isfinite(depth), depth, 0.0))) or 1.0
-            grey = np.where(np.isfinite(depth), 255 - 200 * np.nan_to_num(depth) / far, 0)
-            color = np.repeat(grey.clip(0, 255).astype(np.uint8)[..., None], 3, axis=2)
+            color = depth_in_grey(self.scan.files.depth(frame))
         buffer = io.BytesIO()
         Image.fromarray(color).save(buffer, "JPEG", quality=_QUALITY)
         return buffer.getvalue()

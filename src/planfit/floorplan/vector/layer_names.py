@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from planfit.errors import FloorplanError
-from planfit.findings.plan_kinds import MAX_NAMED
+from planfit.findings.finding import MAX_NAMED
 from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.drawing import VectorDrawing
 from planfit.floorplan.vector.line_work import Candidates, WallFaces

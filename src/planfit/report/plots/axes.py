@@ -28,6 +28,8 @@ from planfit.report.plots.drawing import (
 
 RIGHT_PT, BOTTOM_PT, LEGEND_PT = 10.0, 30.0, 20.0
 """Room around axes: right of them, below them, and for a legend above them."""
+TITLE_PT = 22.0
+"""Room for a title above the legend."""
 _TICK_PT, _BETWEEN_PT = 2.5, 8
 _LEVELS = 14
 """Of a density: with none, they fit four bits."""

@@ -13,7 +13,7 @@ from planfit.priors import WALL_AS_BUILT_SIGMA_M
 from planfit.report import formatting
 from planfit.report.measures import BeforeAfter, Measures, measure, measure_storeys
 from planfit.report.plots import colors
-from planfit.report.plots.axes import LEGEND_PT, Axes, Entry
+from planfit.report.plots.axes import LEGEND_PT, TITLE_PT, Axes, Entry
 from planfit.report.plots.drawing import PANEL_PT, Drawing, Words, to_image, to_png
 from planfit.report.plots.top_view import (
     Crop,
@@ -26,7 +26,6 @@ from planfit.report.plots.top_view import (
     new_view,
 )
 
-_TITLE_PT = 22
 WIDE_PT = 1.9 * PANEL_PT
 """Width of a picture that takes the whole page."""
 _WIDE = 0.55
@@ -88,7 +87,7 @@ def _before_and_after(
         (both.before, "before", colors.BEFORE),
         (both.after, "after", colors.AFTER),
     ):
-        drawing, axes = new_view(crop, width, _TITLE_PT + LEGEND_PT)
+        drawing, axes = new_view(crop, width, TITLE_PT + LEGEND_PT)
         draw_side(axes, floorplan, both, side)
         words = f"{name}: {fit_in_words(both, side)}"
         drawing.items.append(Words(words, (axes.box.left, 14), color, is_bold=True))
@@ -149,7 +148,7 @@ def draw_side(axes: Axes, floorplan: Floorplan | None, both: BeforeAfter, side: 
     finish_view(axes, both.is_aligned, entries)
 
 
-def choose_close_ups(both: BeforeAfter, crop: Crop, max_count: int = 3) -> tuple[Mark, ...]:
+def choose_close_ups(both: BeforeAfter, crop: Crop) -> tuple[Mark, ...]:
     """Square windows that do not overlap, the greatest change of distance to the plan first.
 
     None where the scan is so small that its overview shows everything.
@@ -175,7 +174,7 @@ def choose_close_ups(both: BeforeAfter, crop: Crop, max_count: int = 3) -> tuple
     )
     score[(counts < _MIN_POINTS) | (sums < _MIN_DIFFERENCE_M * counts)] = -1.0
     marks: list[Mark] = []
-    for letter in "ABCDEFGH"[:max_count]:
+    for letter in "ABC":
         row, column = np.unravel_index(int(np.argmax(score)), score.shape)
         if score[row, column] <= 0:
             break

@@ -12,7 +12,7 @@ from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.priors import TRACKER_TILT_SIGMA_DEG
 from planfit.report.plots import colors
-from planfit.report.plots.axes import LEGEND_PT, Entry
+from planfit.report.plots.axes import LEGEND_PT, TITLE_PT, Entry
 from planfit.report.plots.drawing import PANEL_PT, Words, to_png
 from planfit.report.plots.top_view import (
     Crop,
@@ -27,7 +27,6 @@ LOW_M, HIGH_M = -1.1, 0.5
 """Heights against the camera between which points are drawn: walls and furniture, no floor and no ceiling."""
 _LEVEL_COSINE = np.cos(np.deg2rad(TRACKER_TILT_SIGMA_DEG.value))
 """Axes of a tracker that knows gravity: 50 m away, points are then a metre off at most."""
-_TITLE_PT = 18
 
 
 def draw_scan_view(
@@ -54,7 +53,7 @@ def draw_scan_view(
     points = points_world @ level_from_world.T
     xy = points[at_camera_height(centres, points), :2]
     crop = Crop.around([centres[:, :2]], [xy], 0.5, (0.25, 1.2))
-    drawing, axes = new_view(crop, 1.6 * PANEL_PT, _TITLE_PT + LEGEND_PT)
+    drawing, axes = new_view(crop, 1.6 * PANEL_PT, TITLE_PT + LEGEND_PT)
     draw_points(axes, xy, colors.AFTER)
     draw_path(axes, centres[:, :2], colors.PATH, gaps, 1.2, jumps)
     (x_name, x_sign), (y_name, y_sign) = (

@@ -167,12 +167,10 @@ def draw_mark(axes: Axes, mark: Mark) -> None:
     draw_label(axes, mark.letter, (left + 4, top + 12), colors.PAPER, colors.INK)
 
 
-def draw_label(
-    axes: Axes, words: str, at_pt: tuple[float, float], color: str, ground: str, opacity: float = 1
-) -> None:
+def draw_label(axes: Axes, words: str, at_pt: tuple[float, float], color: str, ground: str) -> None:
     """Bold words on a ground of their own."""
     left, bottom = at_pt[0] - 2, at_pt[1] + 2
     right, top = left + width_of(words) + 4.5, bottom - FONT_PT - 2
     back = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
-    axes.drawing.items.append(Shape([back], fill=ground, opacity=opacity))
+    axes.drawing.items.append(Shape([back], fill=ground))
     axes.drawing.items.append(Words(words, at_pt, color, is_bold=True))
