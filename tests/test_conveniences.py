@@ -16,7 +16,7 @@ from builders import make_world, room_plan
 from planfit.alignment import AlignOptions
 from planfit.cli import run
 from planfit.errors import OptionError
-from planfit.export.option_files import to_toml
+from planfit.export.tables import to_toml
 from planfit.lsq import LossKind
 from planfit.pipeline.options import PRESETS
 from planfit.runtime import short_repr

@@ -27,7 +27,7 @@ from planfit.errors import (
     ScanError,
     told_as,
 )
-from planfit.export.option_files import to_toml
+from planfit.export.tables import to_toml
 from planfit.floorplan import read_floorplan
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration

@@ -24,9 +24,8 @@ from planfit.matching import Matches
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.validation import Check
 from planfit.report import formatting
-from planfit.report.html.page import make_report
+from planfit.report.html.page import Provenance, make_report, provenance_now
 from planfit.report.measures import TruthErrors, measure, reasons_in_words, told_first
-from planfit.report.options import Provenance, provenance_now
 from planfit.report.plots.charts import certainty_plot, loop_closures_of, matches_by_frame
 from planfit.report.plots.drawing import to_svg
 from planfit.report.plots.overlay import choose_close_ups, draw_overlay

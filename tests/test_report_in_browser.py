@@ -13,9 +13,8 @@ from browser_probe import BROWSER, found_in, printed
 from driven_browser import driven_browser, needs_browser, set_size
 from planfit import __version__
 from planfit.as_built import AsBuilt, AsBuiltOptions, AsBuiltWall
-from planfit.report.html.page import make_report
+from planfit.report.html.page import Provenance, make_report
 from planfit.report.html.tables import captioned
-from planfit.report.options import Provenance
 from planfit.report.plots.drawing import PANEL_PT, Drawing
 from planfit.units import in_units, told_in
 from test_report import floorplan as floorplan  # a fixture

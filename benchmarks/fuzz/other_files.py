@@ -130,7 +130,7 @@ memory-gb = 2.5
 
 def _run(folder: Path) -> tuple[str, str]:
     """What `evaluate`, `compare`, `view` and `export` read of a run before its scan."""
-    from planfit.export.option_files import scan_options_record, to_toml
+    from planfit.export.tables import scan_options_record, to_toml
     from planfit.geometry.calibration import SensorCalibration
     from planfit.pipeline.options import RefineOptions
     from planfit.scan import ScanOptions

@@ -12,8 +12,8 @@ from planfit import __version__
 from planfit.as_built import AS_BUILT, AsBuilt, compare_as_built, write_as_built
 from planfit.errors import OptionError
 from planfit.export.cloud import Cloud, Sampling, place_cloud, sample_clouds
-from planfit.export.option_files import plain, scan_options_record, to_toml
 from planfit.export.record import make_record
+from planfit.export.tables import plain, scan_options_record, to_toml
 from planfit.export.write import record_text, write_clouds, write_results
 from planfit.findings import sentences_of
 from planfit.floorplan import Floorplan
@@ -21,10 +21,9 @@ from planfit.pipeline.depth_unit import in_unit
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult
-from planfit.report.html.page import make_report
+from planfit.report.html.page import Provenance, ReportOptions, make_report, provenance_now
 from planfit.report.make_scene import make_pictures, make_scene
 from planfit.report.measures import BeforeAfter, CloudXY, TruthErrors, measure
-from planfit.report.options import Provenance, ReportOptions, provenance_now
 from planfit.report.plots.overlay import draw_overlay, draw_overlays
 from planfit.report.plots.scan_view import at_camera_height
 from planfit.report.scene import Scene

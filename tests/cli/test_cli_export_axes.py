@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from plan_files import make_plan, write_geojson, write_ifc, write_png, write_svg
 from planfit.cli import run
-from planfit.export.axes import file_axes, map_axes
+from planfit.export.poses import file_axes, map_axes
 from planfit.floorplan import read_floorplan
 from planfit.scan import read_scan, read_tum
 from planfit.scan.pose_files import read_poses

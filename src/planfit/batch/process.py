@@ -121,8 +121,6 @@ def _in_one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {words}" if words else type(error).__name__
 
 
-EXIT_LEFT = 3
-"""Of a process whose starter went away."""
 _THREADS_OF = (
     "OMP_NUM_THREADS",
     "OPENBLAS_NUM_THREADS",
@@ -226,7 +224,7 @@ def read_errand(stdin: IO[bytes]) -> Errand:
     def watch() -> None:
         while stdin.read(1):
             pass
-        os._exit(EXIT_LEFT)
+        os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
     return errand

@@ -18,7 +18,7 @@ from planfit.errors import OutputError, ScanError, require
 from planfit.evaluation import CompareOptions, Comparison, compare
 from planfit.evaluation.evaluate import RefinedPoses
 from planfit.export.cloud import place_cloud, sample_cloud
-from planfit.export.option_files import finite
+from planfit.export.tables import finite
 from planfit.floorplan import Floorplan
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
 from planfit.matching import Matches

@@ -29,7 +29,7 @@ from planfit.evaluation import (
     read_true_cloud,
 )
 from planfit.evaluation.evaluate import levelled
-from planfit.export.option_files import finite
+from planfit.export.tables import finite
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, SensorCalibration

@@ -16,13 +16,20 @@ from planfit.cli.arguments import Flat, Out
 from planfit.cli.console import StageBars, check_suffix, out, tell_scan
 from planfit.cli.run_record import read_record
 from planfit.errors import OutputError, ScanError, require, require_positive
-from planfit.export.axes import PlanAxes, PoseFrame, require_axes
 from planfit.export.cloud import place_cloud, sample_cloud, write_ply
 from planfit.export.mesh import check_suffix as check_mesh_suffix
 from planfit.export.mesh import fuse_mesh, load_open3d, write_mesh
 from planfit.export.pdf import find_browser, print_page
 from planfit.export.plan_files import AS_BUILT_WRITERS
-from planfit.export.poses import WITH_MATCHES, PoseForm, free_target, write_poses
+from planfit.export.poses import (
+    WITH_MATCHES,
+    PlanAxes,
+    PoseForm,
+    PoseFrame,
+    free_target,
+    require_axes,
+    write_poses,
+)
 from planfit.export.write import read_matches
 from planfit.geometry import se3
 from planfit.runtime import Runtime, whole_file

@@ -22,8 +22,8 @@ from planfit.pipeline.result import RefineResult
 from planfit.pipeline.together import TogetherResult, refine_together
 from planfit.pipeline.verdict import Outcome, Verdict
 from planfit.report.formatting import length
+from planfit.report.html.page import provenance_now
 from planfit.report.measures import TruthErrors
-from planfit.report.options import provenance_now
 from planfit.runtime import Runtime, StageTimer
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, write_run

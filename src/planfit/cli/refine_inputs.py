@@ -14,7 +14,7 @@ from planfit.errors import FloorplanError, OptionError, ScanError, require
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.floorplan.formats import READERS
 from planfit.pipeline.options import RefineOptions
-from planfit.report.options import ReportOptions
+from planfit.report.html.page import ReportOptions
 from planfit.scan import Scan, ScanOptions, read_scan
 
 

@@ -14,8 +14,8 @@ from planfit.as_built.record import DAMAGES
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.corrections.file import corrections_of
 from planfit.errors import FloorplanError, OptionError, ScanError
-from planfit.export.axes import AXES, PlanAxes
-from planfit.export.option_files import FILES_OF_SCAN
+from planfit.export.poses import AXES, PlanAxes
+from planfit.export.tables import FILES_OF_SCAN
 from planfit.floorplan import Floorplan, PlanOptions, read_floorplan
 from planfit.geometry.calibration import SensorCalibration
 from planfit.pipeline.corrected import corrected_plan

@@ -17,7 +17,7 @@ from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan import Floorplan, read_floorplan
 from planfit.pipeline.depth_unit import in_unit
-from planfit.report.options import ReportOptions
+from planfit.report.html.page import ReportOptions
 from planfit.runtime import options_of
 from planfit.runtime.run_folder import finished_record
 from planfit.saving import RunInputs

@@ -11,6 +11,7 @@ import trimesh
 from jaxtyping import Bool, Float, Int
 from trimesh.visual import ColorVisuals
 
+from planfit.as_built.lines_of_sight import MIN_FRAMES
 from planfit.errors import OutputError
 from planfit.export.cloud import color_or_grey, near_origin, write_ply
 from planfit.geometry import se3
@@ -21,8 +22,6 @@ SUFFIXES = (".ply", ".obj", ".glb")
 TRUNCATION_VOXELS = 4.0
 """Distances are kept this many voxels to both sides of a surface: at 2 cm that is 8 cm, more than twice the
 noise of a depth camera at 4 m, and less than a thin wall, whose two sides must not cancel each other."""
-LEAST_FRAMES = 3
-"""A surface that fewer frames saw is mostly noise at the edges of things."""
 SEAM_DIGITS = 5
 """Of a vertex, m: two sides of a seam agree to single precision."""
 BLOCKS = 2000
@@ -103,7 +102,7 @@ def fuse_mesh(
             f"{scan.name}: expected surfaces to fuse, found no depth below {max_depth_m:g} m in any frame"
         )
     n_seen = len(np.unique(np.concatenate([tile.frame_idx for tile in tiles])))
-    least = min(LEAST_FRAMES, n_seen)
+    least = min(MIN_FRAMES, n_seen)  # what fewer saw is mostly noise at the edges of things
     n_steps, done, parts = sum(len(tile.frame_idx) for tile in tiles), 0, []
     for tile in tiles:
         volume = _empty_volume(open3d, voxel_m)

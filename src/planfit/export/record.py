@@ -8,9 +8,8 @@ import numpy as np
 from planfit.alignment import AdjustedAlignment, Alignment
 from planfit.corrections import to_toml
 from planfit.evaluation import surface_metrics, wall_distances
-from planfit.export.axes import axes_record
-from planfit.export.option_files import finite, finite_plain, plain
-from planfit.export.tables import registration_record, survey_record
+from planfit.export.poses import axes_record
+from planfit.export.tables import finite, finite_plain, plain, registration_record, survey_record
 from planfit.findings import SCHEMA_VERSION, finding_record, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3

@@ -11,7 +11,7 @@ from planfit.errors import OptionError
 from planfit.findings import some_ids
 from planfit.floorplan import Floorplan
 from planfit.priors import FLOOR_LEVEL_MOST_M
-from planfit.survey.types import Survey, SurveyAxes
+from planfit.survey.read import Survey, SurveyAxes
 from planfit.units import FOOT_M, INCH_M
 
 OUTSIDE_SHARE = 0.5

@@ -13,7 +13,7 @@ from planfit.geometry.camera import Camera
 from planfit.runtime import Runtime, cache_key
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
-from planfit.survey.types import LiftedMarks, Mark, Survey
+from planfit.survey.read import LiftedMarks, Mark, Survey
 
 FAMILIES = {
     **{

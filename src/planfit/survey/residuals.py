@@ -21,7 +21,7 @@ from planfit.survey.fit import (
     fit_rigid_2d,
     other_axes,
 )
-from planfit.survey.types import LiftedMarks, Survey, SurveyAxes
+from planfit.survey.read import LiftedMarks, Survey, SurveyAxes
 
 SWAPPED_SHARE = 0.25
 """Of the way between two points, as near to each other's place as the rest puts two that are swapped."""

@@ -21,13 +21,10 @@ from planfit.export.cloud import read_ply_points
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.priors import DEPTH_EDGE_SHARE
 from planfit.scan import Scan
 from planfit.scan.statistics import lift_pixel
 from planfit.units import in_units
-
-_SAME_POINT_SHARE = 0.05
-"""A point of the cloud is the one that its pixel shows where both are as near to each other, as a share of
-their distance from the camera: at the edge of something, depth about the pixel is that of something else."""
 
 
 @dataclass
@@ -60,7 +57,8 @@ class PickedPoints:
         except ScanError as error:
             raise OptionError(str(error)) from error
         apart, away = np.linalg.norm(shown - point[0]), np.linalg.norm(point[0])
-        if not apart <= _SAME_POINT_SHARE * away:
+        # At the edge of something, depth about the pixel is that of something else.
+        if not apart <= DEPTH_EDGE_SHARE.value * away:
             raise OptionError(
                 f"frame {frame}: expected a point on something flat, found the edge of something "
                 f"{in_units(float(apart))} before or behind it; press another point"

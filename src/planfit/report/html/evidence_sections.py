@@ -103,8 +103,6 @@ def _named(item: EvidenceItem) -> str:
 
 MAX_ROWS = 20
 """Loops on the page, and links."""
-LEAST_SHARE = 0.005
-"""What holds less of a direction is not named."""
 
 
 def registration_section(registration: Registration) -> str:
@@ -154,7 +152,7 @@ def _strength(strength: Sequence[DirectionStrength]) -> str:
 
 
 def _shares(shares: Sequence[tuple[str, float]]) -> str:
-    named = [f"{share(value)} {name}" for name, value in shares if value >= LEAST_SHARE]
+    named = [f"{share(value)} {name}" for name, value in shares if round(100 * value)]
     return ", ".join(named) or "nothing"
 
 
