@@ -11,7 +11,7 @@ from plan_pictures import DENSE, dense_grid
 
 from planfit.errors import FloorplanError
 from planfit.floorplan import read_floorplan
-from planfit.floorplan.gaps import _WIDEST, _gaps_px, find_openings
+from planfit.floorplan.gaps import WIDEST, _gaps_px, find_openings
 from planfit.floorplan.raster.trace import trace_regions
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry import segments
@@ -94,7 +94,7 @@ def gaps_by_all(ends, normals, thickness):
         wide, thick = first[j] - lengths[i], min(thickness[i], thickness[j])
         is_pair = max(thickness[i], thickness[j]) < 1.7 * thick + 2
         is_column = max(lengths[i], lengths[j]) < 1.2 * thick
-        if not is_column and is_pair and 0.5 * thick < wide < _WIDEST * thick:
+        if not is_column and is_pair and 0.5 * thick < wide < WIDEST * thick:
             nearest = ends[j][np.argmin((ends[j] - ends[i, 0]) @ along)]
             found.append((np.array([ends[i, 1], nearest]), normals[i], thick))
     return found

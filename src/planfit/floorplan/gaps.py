@@ -17,15 +17,16 @@ MAX_WALL_M = WALL_FACES_APART_M.high
 SHORTEST_FACE_M = 0.1
 """Shorter faces are ends of walls and jambs: nothing goes on from them."""
 ASKEW_M, PARALLEL = 0.05, 0.99
-"""Faces of one line: across, and cosine between their directions."""
+"""Faces of one line: across, and cosine between their directions. So near to the ends of a gap, what crosses
+it is drawn askew, too."""
 OVERLAP_SHARE = 0.7
 """Of the wider of two gaps, that lies beside the other where they are both sides of one."""
-CLEAR_M = 0.05
-"""Faces that cross the middle of a gap further from its ends than this show that it is none."""
+
 SAME_CORNER_M = DRAWING_ROUNDING_M.value
 """Ends of faces that meet are no further apart."""
-_LINE_PX = 2.5
-_WIDEST = 14.0
+LINE_PX = 2.5
+"""Across, between edges of one line in a picture."""
+WIDEST = 14.0
 """Openings are at most this many times as wide as their wall is thick."""
 
 
@@ -196,7 +197,7 @@ def gap_between(sides: Float[np.ndarray, "s 2 2"], storey: int | None) -> Gap:
 def _is_clear(gap: Gap, floorplan: Floorplan) -> bool:
     """Whether no wall crosses the middle of a gap: two walls in line that end at a corridor leave none."""
     along = (gap.ends[1] - gap.ends[0]) / gap.width_m
-    inner = gap.ends + CLEAR_M * np.array([along, -along])
+    inner = gap.ends + ASKEW_M * np.array([along, -along])
     lines = line_strings(floorplan.ends)
     return not bool(shapely.intersects(lines, shapely.LineString(inner)).any())
 
@@ -267,13 +268,13 @@ def _gaps_px(
     # Where the face goes on: no further than an opening is wide.
     begin = ends[asked, 1]
     along_all = (begin - ends[asked, 0]) / lengths[asked, None]
-    beyond = begin + (_WIDEST * thickness[asked] + 1.0)[:, None] * along_all
-    margin = np.full(len(asked), _LINE_PX + 2.0)
+    beyond = begin + (WIDEST * thickness[asked] + 1.0)[:, None] * along_all
+    margin = np.full(len(asked), LINE_PX + 2.0)
     near_of = _those_near(ends, np.stack([begin, beyond], axis=1), margin)
     for i, along, some in zip(asked, along_all, near_of, strict=True):
         others = ends[some]
         offset = np.abs((others - ends[i, 0]) @ normals[i]).max(axis=1)
-        same = is_long[some] & (normals[some] @ normals[i] > PARALLEL) & (offset < _LINE_PX)
+        same = is_long[some] & (normals[some] @ normals[i] > PARALLEL) & (offset < LINE_PX)
         first = ((others - ends[i, 0]) @ along).min(axis=1)
         later = np.flatnonzero(same & (first > lengths[i] - 1.0))
         if len(later) == 0:
@@ -284,7 +285,7 @@ def _gaps_px(
         if max(lengths[i], lengths[j]) < 1.2 * thick:
             continue  # two columns
         if (
-            0.5 * thick < wide < _WIDEST * thick
+            0.5 * thick < wide < WIDEST * thick
             and max(thickness[i], thickness[j]) < 1.7 * thick + 2
         ):
             nearest = ends[j][np.argmin((ends[j] - ends[i, 0]) @ along)]

@@ -206,10 +206,9 @@ def storey_words(
     whole, centre = shapely.total_bounds(walls), (extents[:, :2] + extents[:, 2:]) / 2
     share = (centre - whole[:2]) / np.maximum(whole[2:] - whole[:2], 1e-6)
     words = []
-    for u, v in share:
-        across = "left" if u < 0.4 else "right" if u > 0.6 else ""
-        down = "top" if v < 0.4 else "bottom" if v > 0.6 else ""
-        words.append(" ".join(word for word in (down, across) if word) or "middle")
+    for u, v in np.minimum(3 * share, 2).astype(int):
+        both = (("top", "", "bottom")[v], ("left", "", "right")[u])
+        words.append(" ".join(filter(None, both)) or "middle")
     return tuple(words)
 
 

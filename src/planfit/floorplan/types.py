@@ -159,7 +159,7 @@ class Floorplan:
         along = segments.directions(self.ends)
         slant = np.abs(np.einsum("ni,ni->n", along, self.normals)).max()
         length = np.linalg.norm(self.normals, axis=1)
-        if not (slant < 1e-3 and np.abs(length - 1.0).max() < 1e-3):
+        if not max(slant, np.abs(length - 1.0).max()) < 1e-3:
             raise FloorplanError(
                 f"{self.name}: expected unit normals across their faces, found one of length "
                 f"{length[np.argmax(np.abs(length - 1.0))]:.3g}, or slanted by {slant:.3g}"

@@ -21,6 +21,7 @@ from planfit.floorplan.formats.geojson_features import (
     local_frame,
 )
 from planfit.floorplan.formats.geojson_storeys import chosen_level, level_names, told_storeys
+from planfit.floorplan.gaps import ASKEW_M
 from planfit.floorplan.options import PlanOptions
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.drawing import DrawingBuilder, VectorDrawing
@@ -32,7 +33,6 @@ from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
 _WIDEST_M = WALL_FACES_APART_M.high
-OPENING_MARGIN_M = 0.05
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ def read_geojson(path: Path, options: PlanOptions) -> Floorplan:
         )
         ends, normals, thickness = faces.ends, faces.normals, faces.thickness
     else:
-        margin = OPENING_MARGIN_M * frame.likely_metre
+        margin = ASKEW_M * frame.likely_metre
         gaps: list[BaseGeometry] = [frame.local(f.area).buffer(margin) for f in features.openings]
         ends = _edges([frame.local(f.area) for f in features.rooms], gaps, frame.likely_metre)
         normals, thickness = segments.left_normals(ends), np.full(len(ends), np.nan)

@@ -13,13 +13,15 @@ from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import MAX_LINES
-from planfit.priors import PATCH_TURN_MOST_DEG, SURFACE_TILT_MOST_DEG
+from planfit.priors import PATCH_TURN_MOST_DEG, SURFACE_TILT_MOST_DEG, WALL_LENGTH_LEAST_M
 
 N_SAMPLES = 400_000
 HALF_BAND_M = 0.35
 """Walls are taken from this far below and above the height of the cut: over tables, under lintels."""
 MAX_RISE = np.sin(np.deg2rad(SURFACE_TILT_MOST_DEG.value))
 """Of a wall's normal, out of the horizontal."""
+LEAST_UP = np.cos(np.deg2rad(SURFACE_TILT_MOST_DEG.value))
+"""Of a floor's."""
 DASH_M = 0.02
 """Length of the dash that shows a point of the surface in pictures."""
 _NEIGHBOURS = 16
@@ -29,10 +31,9 @@ MAX_ANGLE_DEG = PATCH_TURN_MOST_DEG.value
 """Between the normals of a line and of its points."""
 MAX_GAP_M = 0.30
 """A line is cut where its points leave more than this."""
-MIN_LENGTH_M = 0.40
+MIN_LENGTH_M = WALL_LENGTH_LEAST_M.value
 MIN_SHARE = 2e-4
 """Of all points, on the weakest line."""
-_ANGLE_STEP_DEG = 1.0
 
 
 def read_mesh(path: Path, options: PlanOptions) -> Floorplan:
@@ -149,7 +150,7 @@ def _floor(height: Float[np.ndarray, " n"], level: Float[np.ndarray, " n"]) -> f
     """Lowest height with much level surface; the ceiling, where scanned, has as much."""
     counts, start, step = _histogram(height, level)
     at = start + (int(np.argmax(counts > 0.5 * counts.max())) + 0.5) * step
-    return float(np.median(height[(np.abs(height - at) < 2 * step) & (level > 0.95)]))
+    return float(np.median(height[(np.abs(height - at) < 2 * step) & (level > LEAST_UP)]))
 
 
 def _histogram(
@@ -157,7 +158,7 @@ def _histogram(
 ) -> tuple[Float[np.ndarray, " b"], float, float]:
     step, start = 0.05, float(height.min())
     index = np.minimum(((height - start) / step).astype(int), 20_000)
-    return np.bincount(index[level > 0.95], minlength=1).astype(float), start, step
+    return np.bincount(index[level > LEAST_UP], minlength=1).astype(float), start, step
 
 
 def wall_lines(
@@ -170,9 +171,7 @@ def wall_lines(
     the points within its width. Where `is_oriented`, the two faces of a thin wall are apart by
     the sign of their normals.
     """
-    length = np.linalg.norm(normals, axis=1)
-    keep = length > 1e-6
-    xy, normals = xy[keep], normals[keep] / length[keep, None]
+    normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     period = 360.0 if is_oriented else 180.0
     free = np.arange(len(xy))
     ends, chosen = [], []
@@ -202,12 +201,12 @@ def _strongest(
 ) -> tuple[Float[np.ndarray, "2"], float, float]:
     angle = np.rad2deg(np.arctan2(normals[:, 1], normals[:, 0])) % period
     n = int(period)
-    counts = np.bincount((angle / _ANGLE_STEP_DEG).astype(int), minlength=n)[:n]
-    # Directions are few; the best one by its best line, among the five with most points.
+    counts = np.bincount(angle.astype(int), minlength=n)[:n]
+    # Directions are few; the best one, to a degree, by its best line, among the five with most points.
     smooth = counts + np.roll(counts, 1) + np.roll(counts, -1)
     best = (np.array([1.0, 0.0]), 0.0, 0.0)
     for step in np.argsort(-smooth)[:5]:
-        direction = np.deg2rad((step + 0.5) * _ANGLE_STEP_DEG)
+        direction = np.deg2rad(step + 0.5)
         normal = np.array([np.cos(direction), np.sin(direction)])
         away = np.abs((angle - (step + 0.5) + period / 2) % period - period / 2)
         offset = (xy @ normal)[away < MAX_ANGLE_DEG]

@@ -2,12 +2,13 @@
 
 import json
 import zipfile
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tokenize import TokenError
+from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.faces import first_of_each
@@ -95,8 +96,8 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
     """
     try:
         content = json.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError):
-        return _read_own(path, options)  # says what is wrong with it
+    except (OSError, ValueError, RecursionError) as error:
+        raise _other_content(path, error) from error
     if is_room_plan(content):
         return plan_of_rooms(content, path, options)
     other = _of_another_kind(content)
@@ -104,7 +105,14 @@ def read_json(path: Path, options: PlanOptions) -> Floorplan:
         raise FloorplanError(
             f"{path}: expected a plan in planfit's own JSON or of RoomPlan, found {other}"
         )
-    return _read_own(path, options)
+    return _read_own(content, path, options)
+
+
+def _other_content(path: Path, found: object) -> FloorplanError:
+    return FloorplanError(
+        f"{path}: expected a plan as JSON (unit, faces with ends and normal), found another content "
+        f"({found}); see 'planfit help formats'"
+    )
 
 
 def _of_another_kind(content: object) -> str:
@@ -127,50 +135,9 @@ def _of_another_kind(content: object) -> str:
     )
 
 
-@dataclass(frozen=True)
-class _Content:
-    """What planfit's own JSON holds; lengths in its unit."""
-
-    unit: str
-    ends: Float[np.ndarray, "n 2 2"]
-    has_normal: Bool[np.ndarray, " n"]
-    given_normals: Float[np.ndarray, "g 2"]
-    """Of those that have one."""
-    thickness: Float[np.ndarray, " n"]
-    """NaN where it is not given."""
-    openings: Float[np.ndarray, "k 2 2"] | None
-
-
-def _read_own(path: Path, options: PlanOptions) -> Floorplan:
-    """planfit's own form; see docs/formats.md."""
-    content = _parsed(path)
-    _check(path, content)
-    normals = segments.left_normals(content.ends)
-    if not _are_normals(content.given_normals, normals[content.has_normal]):
-        raise FloorplanError(
-            f"{path}: expected a normal of length 1 at right angles to its face, or null, "
-            "found another; see 'planfit help formats'"
-        )
-    normals[content.has_normal] = content.given_normals
-    file_unit = None if content.unit == "unknown" else "m"
-    unit = choose_unit(options.unit, options.metres_per_unit, file_unit, "the file")
-    floorplan = Floorplan(
-        str(path),
-        content.ends,
-        normals,
-        content.has_normal,
-        fingerprint_of(path),
-        None if np.isnan(content.thickness).all() else content.thickness,
-        content.openings,
-        unit.metres is not None,
-        PlanSource("planfit's own (.json)", unit.name, unit.known_from, file_from_plan=np.eye(3)),
-    )
-    return floorplan if unit.metres in (None, 1.0) else floorplan.scaled(unit.metres)
-
-
-def _parsed(path: Path) -> _Content:
+def _read_own(data: Any, path: Path, options: PlanOptions) -> Floorplan:
+    """planfit's own form; see docs/formats.md. `Floorplan` checks what is true of any plan."""
     try:
-        data = json.loads(path.read_text())
         faces, unit = data["faces"], data["unit"]
         ends = np.array([face["ends"] for face in faces], dtype=float).reshape(-1, 2, 2)
         has_normal = np.array([face.get("normal") is not None for face in faces], dtype=bool)
@@ -184,43 +151,35 @@ def _parsed(path: Path) -> _Content:
             raise ValueError(f"{len(has_normal)} faces with {len(ends)} pairs of ends")
         if len(given) != has_normal.sum():
             raise ValueError(f"{len(given)} normals of x and y for {has_normal.sum()} faces")
+        if unit not in ("m", "unknown"):
+            raise ValueError(f"the unit {unit!r}")
+        if not all(np.isfinite(each).all() for each in (ends, given, openings) if each is not None):
+            raise ValueError("numbers that are not finite")
+        if not (segments.lengths(ends) > 0).all() or len(ends) == 0:
+            raise ValueError(f"{len(ends)} faces, or one without length")
+        if (thickness <= 0).any():
+            raise ValueError("the thickness of a wall that is not above 0")
     except KeyError as error:
         raise FloorplanError(
             f"{path}: expected a plan as JSON (planfit's own, with unit and faces, or of RoomPlan), found "
             f"one without {error}; see 'planfit help formats'"
         ) from error
-    except (OSError, ValueError, TypeError, AttributeError) as error:
-        raise FloorplanError(
-            f"{path}: expected a plan as JSON (unit, faces with ends and normal), "
-            f"found another content ({error}); see 'planfit help formats'"
-        ) from error
-    return _Content(unit, ends, has_normal, given, thickness, openings)
-
-
-def _check(path: Path, content: _Content) -> None:
-    ends, unit = content.ends, content.unit
-    if unit not in ("m", "unknown"):
-        raise FloorplanError(f"{path}: expected unit 'm' or 'unknown', found {unit!r}")
-    openings = np.zeros((0, 2, 2)) if content.openings is None else content.openings
-    if not (np.isfinite(ends).all() and np.isfinite(openings).all()):
-        raise FloorplanError(f"{path}: expected finite coordinates, found NaN or infinity")
-    extent = float(np.ptp(ends.reshape(-1, 2), axis=0).max()) if len(ends) else 0.0
-    shortest = 1e-6 if unit == "m" else 1e-9 * extent
-    if len(ends) == 0 or (segments.lengths(ends) < shortest).any():
-        found = "0 faces" if len(ends) == 0 else "one without"
-        raise FloorplanError(
-            f"{path}: expected faces with length, found {found}; see 'planfit help formats'"
-        )
-    if (content.thickness <= 0).any():
-        raise FloorplanError(
-            f"{path}: expected the thickness of a wall above 0, or none, found another; "
-            "see 'planfit help formats'"
-        )
-
-
-def _are_normals(given: Float[np.ndarray, "n 2"], left_normals: Float[np.ndarray, "n 2"]) -> bool:
-    """Whether each is the left normal or its opposite, up to rounding."""
-    if not np.isfinite(given).all():
-        return False
-    side = np.where(np.sum(given * left_normals, axis=1, keepdims=True) < 0, -1.0, 1.0)
-    return bool((np.abs(given - side * left_normals) < 1e-3).all())
+    except (ValueError, TypeError, AttributeError) as error:
+        raise _other_content(path, error) from error
+    normals = segments.left_normals(ends)
+    normals[has_normal] = given
+    told = choose_unit(
+        options.unit, options.metres_per_unit, None if unit == "unknown" else "m", "the file"
+    )
+    floorplan = Floorplan(
+        str(path),
+        ends,
+        normals,
+        has_normal,
+        fingerprint_of(path),
+        None if np.isnan(thickness).all() else thickness,
+        openings,
+        told.metres is not None,
+        PlanSource("planfit's own (.json)", told.name, told.known_from, file_from_plan=np.eye(3)),
+    )
+    return floorplan if told.metres in (None, 1.0) else floorplan.scaled(told.metres)

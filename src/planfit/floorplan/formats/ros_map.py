@@ -85,7 +85,7 @@ def read_ros_map(path: Path, options: PlanOptions) -> Floorplan:
     # --scale and --unit speak of a unit of the file, which here is the metre.
     metres = unit.scale
     map_from_pixel = np.diag([metres, metres, 1.0]) @ _map_from_pixel(description, cells)
-    unknown = 1.0 - float((cells.is_occupied | cells.is_free).mean())
+    unknown = f"{1.0 - float((cells.is_occupied | cells.is_free).mean()):.0%}"
     ends = segments.moved(px_ends, map_from_pixel)
     normals = px_normals @ map_from_pixel[:2, :2].T
     return Floorplan(
@@ -99,7 +99,7 @@ def read_ros_map(path: Path, options: PlanOptions) -> Floorplan:
             kind=f"ROS map, {description.mode}, cells of {description.resolution_m:g} m",
             unit=unit.name,
             unit_from=unit.known_from,
-            dropped=(f"{unknown:.0%} of the cells are unknown",) if unknown > 0.005 else (),
+            dropped=() if unknown == "0%" else (f"{unknown} of the cells are unknown",),
             warnings=(
                 "a map shows what stood there when it was made, furniture too, at the height of the sensor",
             ),

@@ -32,6 +32,7 @@ from planfit.floorplan.raster.candidates import (
 )
 from planfit.floorplan.raster.ink import ink_share, stroke_length
 from planfit.floorplan.raster.interpretation import (
+    STRAIGHT,
     Interpretation,
     are_patterns,
     interpret,
@@ -66,8 +67,7 @@ _TOUCHING_PX = 3.0
 """What lies nearer touches."""
 _MOST_CONTACT = 0.3
 """Of its outline, what of a wall that ends at others touches them; of furniture along a wall, a third."""
-_STRAIGHT = 0.7
-"""Of its outline, what is straight."""
+
 _ALIKE = 2.0
 """Walls of one style are up to so many times as thick as most of them, or as thin: what differs more is
 furniture, unless it is solid black beside paler walls, as the flat that is sold is among its neighbours."""
@@ -200,7 +200,7 @@ def or_lines_alone(
     regions = np.array(found.walls, dtype=object)
     forms = measure_forms(regions)
     is_line = forms.reach > ELONGATED * forms.thickness
-    is_line &= forms.straight > _STRAIGHT * forms.outline
+    is_line &= forms.straight > STRAIGHT * forms.outline
     found = replace(
         found,
         candidate=replace(found.candidate, style=WallStyle.SINGLE_LINES),
@@ -210,7 +210,7 @@ def or_lines_alone(
     )
     # Of double lines among furniture and words, five regions of six have not the form of lines.
     shares = is_line.mean(), found.straight_share, ink_share(found, ink)
-    return found if min(shares) > _STRAIGHT else chosen
+    return found if min(shares) > STRAIGHT else chosen
 
 
 def _alone(
@@ -310,7 +310,7 @@ def _walls_beside(
         return nothing
     forms = measure_forms(pieces)
     thickness, outline = forms.thickness, forms.outline
-    is_wall = (forms.reach > ELONGATED * thickness) & (forms.straight > _STRAIGHT * outline)
+    is_wall = (forms.reach > ELONGATED * thickness) & (forms.straight > STRAIGHT * outline)
     is_wall &= ~are_patterns(pieces, forms)
     near = shapely.buffer(around, 1.0, join_style="mitre")
     beside = shapely.intersection(shapely.boundary(pieces), near)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.floorplan.elements import ELONGATED
 from planfit.floorplan.faces import weighted_median
-from planfit.floorplan.gaps import PARALLEL
+from planfit.floorplan.gaps import LINE_PX, PARALLEL, WIDEST
 from planfit.floorplan.raster.candidates import Candidate, WallStyle
 from planfit.floorplan.raster.trace import straight_lengths, trace_regions
 from planfit.floorplan.vector.line_work import outlines
@@ -20,6 +20,8 @@ from planfit.geometry import segments
 
 STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
+_ALIKE = 1.5
+"""Walls of one drawing are up to so many times as thick as usual, or as thin."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _NARROW, _MESHED = 2.0, 0.4
@@ -222,12 +224,13 @@ def _are_part_of_the_building(
     is_straight = area > 0.75 * np.maximum(shapely.area(shapely.oriented_envelope(regions)), 1e-6)
     is_bar = is_straight & (outline**2 > 30.0 * area)
     # The frame of a window, a table, a bath: a small ring, thinner than walls.
-    is_large &= ~((has_holes | ~is_straight) & (thickness < 0.7) & (forms.reach < 0.2 * extent_px))
+    is_small = forms.reach < 0.2 * extent_px
+    is_large &= ~((has_holes | ~is_straight) & (thickness < 1 / _ALIKE) & is_small)
     # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
-    is_large &= ~(is_bar & (thickness > 1.6))
-    result = is_large | (is_thick & is_bar & (thickness < 1.6) & (outline > 0.1 * extent_px))
+    is_large &= ~(is_bar & (thickness > _ALIKE))
+    result = is_large | (is_thick & is_bar & (thickness < _ALIKE) & (outline > 0.1 * extent_px))
     # As thick as other walls, straight, and open: what stands about has closed outlines, or is as short.
-    is_alike = is_wall & ~has_holes & (thickness > 0.7) & (thickness < 1.4)
+    is_alike = is_wall & ~has_holes & (thickness > 1 / _ALIKE) & (thickness < _ALIKE)
     is_alike &= (straight > 0.75 * outline) & (outline > max(_APART * usual, 0.05 * extent_px))
     result |= is_alike & ~is_straight
     lines = [_long_lines(region) for region in regions[result]]
@@ -265,7 +268,7 @@ def _goes_on(
     gap = others[None, :, 3:5] - own[:, None, 3:5]
     off = np.abs(np.sum(gap * others[None, :, :2], axis=2))
     along = np.linalg.norm(gap, axis=2) - (own[:, None, 5] + others[None, :, 5]) / 2
-    in_line = alike & (off < 2.5) & (along < 14 * thickness_px)
+    in_line = alike & (off < LINE_PX) & (along < WIDEST * thickness_px)
     with_wall = np.logical_or.reduceat(in_line, firsts, axis=1)
     return bool((with_wall & (is_opposite @ with_wall)).any())
 

@@ -389,7 +389,7 @@ def _warnings(
         )
     if interpretation.candidate.style is WallStyle.SINGLE_LINES:
         result.append(f"each line is taken for a wall, of unknown side and thickness: {COMPARE}")
-    if abs(upright.skew_deg) >= 0.1:
+    if upright.skew_deg != 0.0:
         result.append(
             f"the sheet is turned by {upright.skew_deg:.1f} deg; faces are where the picture has them"
         )

@@ -20,8 +20,7 @@ LIKE_ARC = 2.5
 """A leaf is as long as the radius of its arc, up to this factor where the arc is short and rough."""
 SWEEP_DEG, HALF_DEG = (65.0, 115.0), (160.0, 200.0)
 """Of the leaf: one way, and both ways."""
-EXACT = 0.03
-"""Of a leaf's width, how far the ends of what is drawn as the leaf are from the arc's centre and end."""
+
 SECTOR_DEG = (55.0, 125.0)
 """Of leaf and swing as one area: doors are drawn open by 60 to 120 degrees."""
 
@@ -123,7 +122,7 @@ def _swing_of(
     one, other = (straight[_lines_along(leaf, tips, TOLERANCE * circle.radius)] for leaf in leaves)
     if len(one) and len(other):
         # The side of a narrow room beside the doorway, or the leaf.
-        exact = [straight[_lines_along(leaf, tips, EXACT * circle.radius)] for leaf in leaves]
+        exact = [straight[_lines_along(leaf, tips, ROUND * circle.radius)] for leaf in leaves]
         if (len(exact[0]) > 0) != (len(exact[1]) > 0):
             one, other = exact
     is_known = (len(one) > 0) != (len(other) > 0) and sweep < HALF_DEG[0]

@@ -132,7 +132,8 @@ _SFB_WALLS = {"16", "17", "21", "22", "28"}
 _SFB_OPENINGS = {"31", "32"}
 _SFB = re.compile(r"(?:^|[-_ (])(?P<code>[1-9]\d)(?![\d])")
 LITTLE = 0.3
-"""A layer that is called wall and of which less became faces is questioned."""
+"""A layer that is called wall and of which less became faces is questioned. Where less did than this share of
+the long lines left, walls are drawn as single lines."""
 
 
 class Role(IntEnum):

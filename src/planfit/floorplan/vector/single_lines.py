@@ -16,11 +16,10 @@ from planfit.floorplan.faces import (
 )
 from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.double_lines import Thickness
+from planfit.floorplan.vector.layer_names import LITTLE
 from planfit.floorplan.vector.line_work import Candidates, WallFaces, cut_out, ends_of
 from planfit.geometry import segments
 
-SINGLE_SHARE = 0.3
-"""Where less became faces than this share of the long lines left, walls are drawn as single lines."""
 FEW_SHARE = 0.25
 """The same of lines longer than a tenth of the drawing, which furniture is not."""
 MIN_INSIDE, MIN_ENDING = 0.8, 4
@@ -131,7 +130,7 @@ def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> Wal
     taken = np.zeros(len(left))
     np.add.at(taken, of_face[of_face >= 0], face_length[of_face >= 0])
     if candidates.is_called_wall.any():
-        is_single = taken < SINGLE_SHARE * left
+        is_single = taken < LITTLE * left
         is_wall = rest.is_called_wall & is_single[rest.layer]
         is_wall |= _are_of_rooms(rest, candidates, taken, extent)
         at = own[is_wall[own]]
@@ -139,7 +138,7 @@ def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> Wal
         total = segments.lengths(faces.ends).sum()
         very_long = length[own][length[own] > 0.1 * extent].sum()
         is_corner = _room(faces.ends) < 0.5 * _room(rest.ends[own])
-        is_little = is_corner and total < SINGLE_SHARE * left.sum()
+        is_little = is_corner and total < LITTLE * left.sum()
         is_single = total < FEW_SHARE * very_long or is_little
         at = own if is_single or len(faces.ends) == 0 else own[:0]
     others = rest.ends[np.setdiff1d(own, at)]
@@ -176,7 +175,7 @@ def _are_of_rooms(
         beside = _lengths_beside(ends, BESIDE_REACH * extent, 1e-3 * extent).sum()
         spans = (np.ptp(ends.reshape(-1, 2), axis=0) > NETWORK_SPANS * whole).all()
         called = length[at[rest.is_called_wall[at]]].sum()
-        is_named = called > 0.5 * total or called_length < SINGLE_SHARE * total
+        is_named = called > 0.5 * total or called_length < LITTLE * total
         is_main = total > NETWORK_SHARE * taken[layer]
         found[own] = is_named and is_main and spans and beside < BESIDE * total
     return found

@@ -136,8 +136,9 @@ def faces_of_all(
 
 
 def _single_warning(others: list[WallFaces], length: float) -> str:
-    share = length / (length + sum(float(segments.lengths(part.ends).sum()) for part in others))
-    few = "" if share > 0.995 else f" ({share:.0%} of the length of faces)"
+    whole = length + sum(float(segments.lengths(part.ends).sum()) for part in others)
+    share = f"{length / whole:.0%}"
+    few = "" if share == "100%" else f" ({share} of the length of faces)"
     return f"walls are drawn as single lines{few}: which side of them is free is unknown"
 
 

@@ -19,7 +19,8 @@ ROOM = 1.35
 STEP = 0.5
 """Between places along a line where the disc is tried, in its radii."""
 MIN_FREE = 0.1
-"""Of a line's length, what must have room on one side; on the other nothing may."""
+"""Of a line's length: with less beside it there is nothing. So much must have room on one side; on the other
+nothing may."""
 CLEAR = 1.02
 """Distance of the disc's middle from the line, in its radii."""
 MOST_PLACES = 400_000
@@ -106,7 +107,7 @@ def inner_lines(
     """Lines with others on both sides all along, all within one wall's thickness: panes of
     windows, cavities, leaves of sliding doors."""
     gaps, shares = _beside(ends, pairs)
-    return (shares.min(axis=0) > 0.9) & (gaps.sum(axis=0) < most)
+    return (shares.min(axis=0) > 1 - MIN_FREE) & (gaps.sum(axis=0) < most)
 
 
 def wall_sides(
@@ -114,8 +115,8 @@ def wall_sides(
 ) -> Int[np.ndarray, " n"]:
     """For each line, 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
     gaps, shares = _beside(ends, pairs)
-    left = (shares[0] > 0.1) & ((shares[1] < 0.4 * shares[0]) | (gaps[0] < 0.75 * gaps[1]))
-    right = (shares[1] > 0.1) & ((shares[0] < 0.4 * shares[1]) | (gaps[1] < 0.75 * gaps[0]))
+    left = (shares[0] > MIN_FREE) & ((shares[1] < 0.4 * shares[0]) | (gaps[0] < 0.75 * gaps[1]))
+    right = (shares[1] > MIN_FREE) & ((shares[0] < 0.4 * shares[1]) | (gaps[1] < 0.75 * gaps[0]))
     found = np.where(left ^ right, np.where(left, 1, -1), 0)
     return np.where(free_side != 0, -free_side, found)
 

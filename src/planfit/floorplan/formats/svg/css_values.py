@@ -14,6 +14,7 @@ import tinycss2
 from svgelements import SVG, Color, Rect, Shape
 from tinycss2.color4 import parse_color
 
+from planfit.floorplan.formats import MAX_DEPTH
 from planfit.floorplan.formats.svg.rules import SVG_NAMESPACE, split
 from planfit.floorplan.vector.drawing import LIGHT
 
@@ -32,8 +33,7 @@ _TILED = "#404040"
 """Of areas filled with a pattern: their shape tells what they are."""
 _PART = r"[^()]{0,80}"  # bounded: of a name that is never closed, all ends would be tried
 _VARIABLE = re.compile(rf"var\(\s*(--[^\s,()]+)\s*(?:,\s*({_PART}(?:\({_PART}\))?{_PART}))?\)")
-_MAX_STEPS = 8
-"""A gradient may take its colours from another one, and a variable its value, so deep."""
+
 WHITE = 245
 """Of 255, of every colour: paper that is not tinted."""
 DARK_GROUND, GROUND_SHARE, ROOMS_SHARE = 110, 0.9, 0.5
@@ -163,7 +163,7 @@ def _url(token: Any) -> str:
 
 def _colour_of_server(name: str, by_id: Mapping[str, ET.Element]) -> str:
     """Colour of what a fill names: of a gradient in its middle, of a pattern a grey, else none."""
-    for _ in range(_MAX_STEPS):
+    for _ in range(MAX_DEPTH):
         element = by_id.get(name)
         if element is None:
             return "none"
@@ -179,7 +179,7 @@ def _colour_of_server(name: str, by_id: Mapping[str, ET.Element]) -> str:
 
 def resolved_variables(values: Mapping[str, str]) -> dict[str, str]:
     """Values of variables that name no other variables; those that stay unknown are left out."""
-    for _ in range(_MAX_STEPS):
+    for _ in range(MAX_DEPTH):
         values = {
             name: with_variables(value, values)
             for name, value in values.items()
