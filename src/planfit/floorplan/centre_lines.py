@@ -19,9 +19,7 @@ CORNERS_AT_ONCE = 512
 def are_strokes(floorplan: Floorplan, thinnest: float) -> Bool[np.ndarray, " n"]:
     """Faces of walls that are drawn thinner than walls are: strokes for walls, not walls to scale.
 
-    Args:
-        floorplan: as drawn.
-        thinnest: what walls are at least thick, in the plan's unit.
+    `floorplan`: as drawn; `thinnest`: what walls are at least thick, in the plan's unit.
     """
     if floorplan.thickness is None:
         return np.zeros(len(floorplan), dtype=bool)

@@ -117,10 +117,7 @@ def ends_of_faces(floorplan: Floorplan, numbers: tuple[int, ...]) -> Float[np.nd
 def edited(floorplan: Floorplan, edits: PlanEdits, name: str) -> Floorplan:
     """The plan with corrections.
 
-    Args:
-        floorplan: as read.
-        edits: corrections.
-        name: of the edits, for messages.
+    `name`: of the edits, for messages.
 
     Raises:
         FloorplanError: a face that is to be left out is not there, or none is left.

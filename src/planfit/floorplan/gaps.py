@@ -54,9 +54,8 @@ def gaps_in_line(
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Pairs of faces in one line of which the second goes on where the first stopped: (before, after).
 
-    Args:
-        ends: faces, m, the free side on the left of the way from the first end to the second.
-        widths: narrowest and widest gap, m.
+    `ends`: faces, m, the free side on the left of the way from the first end to the second; `widths`:
+    narrowest and widest gap, m.
     """
     tree = shapely.STRtree(np.asarray(shapely.points(ends[:, 0]), dtype=object))
     before, after = tree.query(shapely.points(ends[:, 1]), predicate="dwithin", distance=widths[1])
@@ -76,9 +75,7 @@ def find_gaps(floorplan: Floorplan, widths: tuple[float, float]) -> tuple[Gap, .
     is a wall that meets it, or a recess. Of walls that are drawn as one line, a gap in that counts; jambs
     are no walls, though two doors that face each other have jambs in one line.
 
-    Args:
-        floorplan: as drawn, m.
-        widths: narrowest and widest, m.
+    `floorplan`: as drawn, m; `widths`: narrowest and widest, m.
     """
     if floorplan.storeys is None:
         return _gaps(floorplan, widths, None)

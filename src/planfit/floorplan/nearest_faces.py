@@ -263,10 +263,8 @@ class FaceGrid:
 def make_face_grid(floorplan: Floorplan, reach_m: float, oriented: bool) -> FaceGrid:
     """Sort a plan's faces into cells for nearest faces up to `reach_m` away.
 
-    Args:
-        floorplan: the plan.
-        reach_m: nothing further away is found.
-        oriented: whether faces whose free side is known are found from that side only.
+    `reach_m`: nothing further away is found; `oriented`: whether faces whose free side is known are found
+    from that side only.
     """
     ends = np.ascontiguousarray(floorplan.ends, dtype=float)
     low = ends.min(axis=(0, 1)) - reach_m

@@ -83,8 +83,7 @@ class PlanOptions(Changeable):
     def on_paper(self, metres_on_paper: float) -> "PlanOptions":
         """The same with `metres_per_unit` for a `paper_scale`.
 
-        Args:
-            metres_on_paper: length of one unit of the file on paper.
+        `metres_on_paper`: length of one unit of the file on paper.
         """
         if self.paper_scale is None:
             return self

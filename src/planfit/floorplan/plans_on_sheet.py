@@ -42,7 +42,6 @@ def find_storeys(
     """Number of the storey of each region of wall; numbered as one reads a page.
 
     Args:
-        walls: polygons.
         thickness_px: usual thickness of a wall.
         openings: doors and windows, one on each face of the wall; the walls on their two sides are of one
             storey.
@@ -215,8 +214,7 @@ def storey_words(
 def storeys_warning(words: tuple[str, ...]) -> str:
     """What to say of several plans on a sheet where none was chosen.
 
-    Args:
-        words: where each is.
+    `words`: where each is.
     """
     listed = ", ".join(f"{k} ({where})" for k, where in enumerate(words))
     return (

@@ -36,8 +36,7 @@ site plan."""
 def closed_shares(walls: Sequence[BaseGeometry]) -> Float[np.ndarray, " k"]:
     """Areas enclosed by rings of wall, largest first, of the convex hull of all.
 
-    Args:
-        walls: polygons, no two on one another.
+    `walls`: polygons, no two on one another.
     """
     holes = [shapely.Polygon(ring).area for wall in walls for ring in shapely.get_rings(wall)[1:]]
     hull = shapely.convex_hull(shapely.GeometryCollection(list(walls))).area
@@ -63,8 +62,7 @@ def closed_words(shares: Float[np.ndarray, " k"]) -> str:
 def sketch_words(ends: Float[np.ndarray, "n 2 2"]) -> str:
     """A doubt where faces look like the lines of a sketch by hand, else empty.
 
-    Args:
-        ends: faces, in units of which a drawing is some 1000 wide (px).
+    `ends`: faces, in units of which a drawing is some 1000 wide (px).
     """
     aligned, kinked = aligned_share(ends), kinked_share(ends)
     if aligned < LEAST_ALIGNED:

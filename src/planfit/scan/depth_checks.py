@@ -52,9 +52,7 @@ def flatter_along_rays(
 
     Depth of a plane along the axis has an inverse that is linear in the image.
 
-    Args:
-        cameras: of all frames.
-        depths: of some, m, by their index.
+    `cameras`: of all frames; `depths`: of some, m, by their index.
     """
     ratios: list[float] = []
     for i, depth in depths.items():

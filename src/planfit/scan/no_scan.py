@@ -72,9 +72,7 @@ FOREIGN = {
 def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
     """The error for a file that is neither an archive nor of a format of single files.
 
-    Args:
-        path: the file.
-        layouts: formats of folders, by name.
+    `path`: the file; `layouts`: formats of folders, by name.
     """
     begin = (
         f"{path}: expected the folder of a scan, a zip archive of one, a bag or a database, found"
@@ -92,9 +90,7 @@ def no_scan_in_file(path: Path, layouts: dict[str, FolderLayout]) -> ScanError:
 def no_scan_in_folder(source: FileSource, layouts: dict[str, FolderLayout]) -> ScanError:
     """The error for a folder, or an archive, of no known layout.
 
-    Args:
-        source: the files.
-        layouts: formats of folders, by name.
+    `source`: the files; `layouts`: formats of folders, by name.
     """
     begin = f"{source.path}: expected a scan, found"
     owner = folder_of_scan(source, layouts)

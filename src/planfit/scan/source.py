@@ -189,9 +189,7 @@ class ZipSource:
     def open(path: Path, inner: str = "") -> "ZipSource":
         """Open an archive.
 
-        Args:
-            path: the archive.
-            inner: a folder in it, which is taken as the top.
+        `path`: the archive; `inner`: a folder in it, which is taken as the top.
 
         Raises:
             ScanError: it is damaged, or holds names that point outside of it.

@@ -198,9 +198,8 @@ def level_names(collections: Sequence[tuple[str, Any]], used: Sequence[str]) -> 
 
     Two of one name, as the ground floors of two buildings, are told apart by a number.
 
-    Args:
-        collections: pairs of (name of the part, parsed JSON).
-        used: levels that features are on, from the lowest on as far as is known.
+    `collections`: pairs of (name of the part, parsed JSON); `used`: levels that features are on, from the
+    lowest on as far as is known.
     """
     found: dict[str, tuple[float, str]] = {}
     for kind, data in collections:

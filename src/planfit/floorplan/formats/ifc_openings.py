@@ -79,12 +79,7 @@ def find_openings(
 ) -> Openings:
     """What walls with openings are cut to without them, less what stands.
 
-    Args:
-        ifcopenshell: the package.
-        walls: of the model.
-        solid: area of all walls at the height, m, openings left out.
-        height_m: of the cut.
-        unit_scale: metres of the model's unit.
+    `solid`: area of all walls at the height, m, openings left out.
     """
     whole, voids = [], []
     cut = LevelCut(ifcopenshell, height_m, with_openings=False)
@@ -161,9 +156,8 @@ def _filling_of(
 def is_glass_element(element: Any, util_element: Any) -> bool:
     """Whether a wall, or a part of one, is of glass.
 
-    Args:
-        element: with geometry of its own.
-        util_element: the module of the package that knows materials and types.
+    `element`: with geometry of its own; `util_element`: the module of the package that knows materials and
+    types.
     """
     materials = [str(each.Name or "") for each in util_element.get_materials(element) or ()]
     materials = [name for name in materials if name and not _NOTHING.search(name)]

@@ -105,8 +105,7 @@ def layer_of(item: Any) -> str:
 def hidden_layers(data: bytes) -> frozenset[str]:
     """Names of the layers that are off when a file is opened, and not on under the same name elsewhere.
 
-    Args:
-        data: the whole file.
+    `data`: the whole file.
 
     Raises:
         ValueError: the list of layers cannot be read.

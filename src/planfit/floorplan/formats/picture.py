@@ -113,10 +113,8 @@ def read_image(
 
     Args:
         image_bgr: integer pixels are pixel centres.
-        name: of the file, for messages.
         fingerprint: of the file and the mask.
         options: unit, scale, storey and wall mask are used.
-        kind: of the file, in words.
         shrink: pixels of the file to one of the image.
     """
     mask = None

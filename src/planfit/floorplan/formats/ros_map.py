@@ -251,9 +251,7 @@ def faces_of_cells(
 ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"]]:
     """Straight faces along the border of free cells to occupied ones, and normals into the free ones.
 
-    Args:
-        cells: of the map.
-        resolution_m: side of a cell.
+    `resolution_m`: side of a cell.
 
     Returns pixels (u, v) of the picture; integer pixels are centres of cells.
     """

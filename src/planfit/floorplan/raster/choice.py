@@ -109,9 +109,7 @@ def choose(
 def with_paler_walls(alone: Interpretation, darkness: Float[np.ndarray, "h w"]) -> Interpretation:
     """Walls that seem to be all that is drawn, with those of other styles where much of the ink is no wall.
 
-    Args:
-        alone: of everything black.
-        darkness: of the picture.
+    `alone`: of everything black; `darkness`: of the picture.
     """
     ink = (darkness > DARK).astype(np.uint8)
     if ink_share(alone, ink) > ALL_INK:
@@ -171,9 +169,8 @@ def find_walls_alone(
 ) -> Interpretation | None:
     """All that is dark, as walls; None where lines of a drawing are among it.
 
-    Args:
-        small: darkness that walls are looked for in, without the frame of the sheet.
-        full: the same with all its pixels, for outlines finer than those.
+    `small`: darkness that walls are looked for in, without the frame of the sheet; `full`: the same with all
+    its pixels, for outlines finer than those.
     """
     black = (small > INK).astype(np.uint8)
     n_dark = int((small > DARK).sum())

@@ -45,9 +45,7 @@ class InkAccount:
 def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"]) -> InkAccount:
     """Where the ink of a picture went.
 
-    Args:
-        interpretation: in pixels of `small`.
-        small: darkness that walls were looked for in.
+    `interpretation`: in pixels of `small`; `small`: darkness that walls were looked for in.
     """
     ink = (small > DARK).astype(np.uint8)
     left = ink & (1 - _near_walls(interpretation, ink.shape))

@@ -207,7 +207,6 @@ def _are_part_of_the_building(
     """Large regions, and small ones in line with them: what else is outlined is furniture.
 
     Args:
-        regions: polygons.
         forms: of these.
         is_wall: what has the form of walls by itself.
         extent_px: of the drawing.

@@ -139,9 +139,7 @@ def between_lines(
 ) -> list[tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]]:
     """The inside of walls drawn as two lines, for each likely range of thickness; empty where there is none.
 
-    Args:
-        line_work: lines and the strips between them.
-        bars: 1 inside bars as thick as two lines.
+    `line_work`: lines and the strips between them; `bars`: 1 inside bars as thick as two lines.
 
     Returns pairs of masks: 1 between the two lines; 1 inside walls so thin that their two lines touch.
     """

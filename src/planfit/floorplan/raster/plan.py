@@ -94,10 +94,7 @@ def plan_of_picture(
 
     Args:
         image_bgr: integer pixels are pixel centres.
-        name: of the file, for messages.
-        fingerprint: of the file.
         options: unit, scale and storey are used.
-        kind: of the file, in words.
         wall_mask: where there is wall; None where the picture is to tell.
         pixels_per_read: pixels of the file to one of the image; the plan is in those of the file.
 

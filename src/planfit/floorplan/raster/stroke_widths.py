@@ -147,9 +147,7 @@ def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth
 def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[Kind]:
     """Kinds of strokes, the thickest first.
 
-    Args:
-        mask: 1 on strokes.
-        extent: larger side of what is drawn, px.
+    `mask`: 1 on strokes; `extent`: larger side of what is drawn, px.
     """
     largest = int(min(max(extent / 12, 8), 60))
     widths = [2, *_valleys(_length_by_width(mask, largest))]
@@ -222,9 +220,7 @@ def twin_share(mask: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]) -> f
     and turned by 3 deg, a villa), 0.28 to 0.8 in drawings of every style, with and without clutter, as they
     were and enlarged 2.5 times.
 
-    Args:
-        mask: 1 on strokes.
-        regions: polygons around them, pixels.
+    `mask`: 1 on strokes; `regions`: polygons around them, pixels.
     """
     ends = edges_of_areas(regions)
     ends = ends[segments.lengths(ends) > _LEAST_EDGE_PX]

@@ -28,9 +28,7 @@ def trace_regions(mask: UInt8[np.ndarray, "h w"], grow_px: float) -> list[BaseGe
     """Polygons around the connected parts of a mask, in pixels (u, v), holes included; none of a mask of more
     parts than any plan has.
 
-    Args:
-        mask: 1 where there is wall.
-        grow_px: their edges are moved out by this (in, where negative).
+    `mask`: 1 where there is wall; `grow_px`: their edges are moved out by this (in, where negative).
     """
     # What is a pixel wide has no inside in OpenCV's contours.
     ahead = max(int(grow_px - 0.5), 0)

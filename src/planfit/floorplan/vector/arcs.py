@@ -94,9 +94,7 @@ def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"
 def round_walls(lines: Lines, usual_thickness: float) -> tuple[WallFaces, Bool[np.ndarray, " n"]]:
     """Faces of round walls, and which lines they are.
 
-    Args:
-        lines: of the drawing, in the order of the file.
-        usual_thickness: of its straight walls.
+    `lines`: of the drawing, in the order of the file; `usual_thickness`: of its straight walls.
     """
     at, run = curve_runs(lines)
     own, circles = _arcs(lines.ends[at], run, _LEAST_RADIUS * usual_thickness)

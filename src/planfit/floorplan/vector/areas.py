@@ -46,12 +46,7 @@ def sort_fills(
     Fills of one layer and colour mean one thing. Walls are dark or grey (or on a layer of that name),
     slim, and cover little of the ground they enclose. Rooms are wide and cover most of it.
 
-    Args:
-        fills: of a drawing.
-        roles: of its layers.
-        extent: of the drawing.
-        ends: of its lines.
-        is_paper_white: where white fills are paper.
+    `is_paper_white`: where white fills are paper.
     """
     groups: dict[object, list[BaseGeometry]] = {}
     for fill in fills:
@@ -109,10 +104,7 @@ def without_surroundings(
     """Rooms but for areas along whose edge nothing is drawn, where most have an outline: streets, lawns and
     neighbours' houses.
 
-    Args:
-        rooms: filled areas.
-        ends: of the lines.
-        extent: of the drawing.
+    `rooms`: filled areas.
     """
     if not rooms:
         return rooms
@@ -173,13 +165,7 @@ def without_paper(
     fills: tuple[Fill, ...], ends: Float[np.ndarray, "n 2 2"], extent: float
 ) -> tuple[tuple[Fill, ...], bool]:
     """Fills but for rectangles in which all else lies and along whose edge nothing is drawn, as a page in a
-    pale colour is no room; and whether the paper is white.
-
-    Args:
-        fills: of a drawing.
-        ends: of its lines.
-        extent: of the drawing.
-    """
+    pale colour is no room; and whether the paper is white."""
     if len(fills) < 2:
         return fills, True
     lines = shapely.MultiLineString(list(ends))
@@ -240,10 +226,7 @@ def without_ground(
     """Rooms but for what lies under the whole plan: the grounds of a building, or its slab where walls are
     drawn on it. Its edge is that of a lawn, or before the wall's own.
 
-    Args:
-        rooms: filled areas.
-        walls: solid ones.
-        extent: of the drawing.
+    `rooms`: filled areas; `walls`: solid ones.
     """
     areas = np.array([*rooms, *walls], dtype=object)
     outline = shapely.length(areas)
@@ -271,10 +254,7 @@ def main_rooms(rooms: list[BaseGeometry], extent: float, drawn: BaseGeometry) ->
     None where there are fewer than three, or they cover little: one or two filled areas and furniture are no
     plan of rooms.
 
-    Args:
-        rooms: filled or hatched areas.
-        extent: of the drawing.
-        drawn: convex hull of its lines and areas.
+    `drawn`: convex hull of its lines and areas.
     """
     if len(rooms) < 3:
         return []

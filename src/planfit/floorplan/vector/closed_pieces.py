@@ -52,10 +52,8 @@ def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
     """Closed paths nowhere wider than walls may be, of the layers called wall that hold little else; of the
     others, columns.
 
-    Args:
-        lines: of layers that may hold walls, in the order of the file.
-        roles: of the layers.
-        most: how thick walls may be, in the unit of the lines.
+    `lines`: of layers that may hold walls, in the order of the file; `most`: how thick walls may be, in the
+    unit of the lines.
     """
     found: list[BaseGeometry] = []
     used = []
@@ -106,9 +104,6 @@ def open_walls(
         solids: filled walls.
         pieces: walls drawn as closed outlines.
         lines: of layers that may hold walls, in the order of the file.
-        fills: of the drawing.
-        roles: of the layers.
-        extent: of the drawing.
     """
     seam = SAME * extent
     is_opening = np.array([role == Role.OPENING for role in roles], dtype=bool)
@@ -164,7 +159,6 @@ def find_column_rings(
     furniture.
 
     Args:
-        ends: of the layer's lines.
         most: largest side of a column.
         is_wall_layer: whether the layer is called wall; elsewhere columns are asked to be several alike.
     """
@@ -224,10 +218,7 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
     nowhere further apart than walls are thick, with lines that end at the inner one, as what stands along a
     wall does. Empty where there is none. The frame of a sheet keeps away from what it frames.
 
-    Args:
-        lines: straight ones that may be faces.
-        most: how thick walls may be.
-        extent: of the drawing.
+    `lines`: straight ones that may be faces; `most`: how thick walls may be.
     """
     none = shapely.Polygon()
     rings = sorted(_closed_areas(lines), key=lambda ring: -ring.area)[:2]

@@ -71,9 +71,7 @@ def find_door_swings(lines: Lines, radii: tuple[float, float]) -> list[DoorSwing
     """Arcs of about a quarter or half circle, or of any angle at whose end a leaf is drawn, as long as doors
     are.
 
-    Args:
-        lines: of the drawing, in the order of the file.
-        radii: least and greatest, see `door_radii`.
+    `lines`: of the drawing, in the order of the file; `radii`: least and greatest, see `door_radii`.
     """
     at, run = curve_runs(lines)
     if len(at) == 0:

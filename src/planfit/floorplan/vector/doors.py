@@ -123,9 +123,7 @@ def _cut_faces(
 ) -> tuple[WallFaces, Float[np.ndarray, "k 2 2"]]:
     """Faces without some parts of them, and these parts.
 
-    Args:
-        faces: of walls.
-        cuts: of each face, by index, begin and end of every part, from its first end.
+    `cuts`: of each face, by index, begin and end of every part, from its first end.
     """
     whole = np.ones(len(faces.ends), dtype=bool)
     whole[list(cuts)] = False
@@ -155,10 +153,8 @@ def open_jambs(
     """Cut faces between pairs of jambs, as far apart as those of doors with swings, where most of these have
     jambs; and what was cut, which may be doors, windows or passages.
 
-    Args:
-        opened: faces with the doors that have swings cut out.
-        lines: straight ones of the drawing, in no rows.
-        extent: of the drawing.
+    `opened`: faces with the doors that have swings cut out; `lines`: straight ones of the drawing, in no
+    rows.
     """
     faces, none = opened.faces, np.zeros((0, 2, 2))
     if opened.n_doors < _LEAST_KNOWN or len(lines) == 0:

@@ -319,9 +319,7 @@ def _cut(
 def _uncovered(lines: Lines, covers: list[tuple[int, BaseGeometry]]) -> Lines:
     """Lines without the parts that areas drawn later cover; a line along the edge of one shows.
 
-    Args:
-        lines: of all paths.
-        covers: for each area, the number of paths that were drawn before it.
+    `lines`: of all paths; `covers`: for each area, the number of paths that were drawn before it.
     """
     finite = np.flatnonzero(np.isfinite(lines.ends).all(axis=(1, 2)))
     if not covers or len(finite) == 0:

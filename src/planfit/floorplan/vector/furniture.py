@@ -49,10 +49,7 @@ def are_furniture(
     """Lines of closed outlines that touch nothing else, and have no other faces of walls around them, or room
     around them and none inside.
 
-    Args:
-        ends: merged, no two on one another.
-        thickness: of the walls to look for.
-        extent: of the drawing.
+    `ends`: merged, no two on one another; `thickness`: of the walls to look for.
     """
     n = len(ends)
     result = np.zeros(n, dtype=bool)

@@ -209,9 +209,7 @@ def path_rings(
     """Of each path of three segments or more which they are, its points in order, and from where each segment
     begins to the end of the one before: of the first to that of the last, so that all are 0 of a ring.
 
-    Args:
-        ends: of segments, those of one path one after the other.
-        path: of each segment, from 0.
+    `ends`: of segments, those of one path one after the other; `path`: of each segment, from 0.
     """
     for start, stop in pairwise(np.flatnonzero(np.diff(path, prepend=-1, append=-1))):
         if stop - start >= 3:

@@ -59,10 +59,7 @@ def plan_of_drawing(
 
     Args:
         drawing: x right, y up, in the file's unit.
-        path: for messages.
-        fingerprint: of the file.
         options: unit and layers.
-        kind: of file, in words.
         file_from_drawing: affine, to the file's own axes.
 
     Raises:
@@ -259,7 +256,6 @@ def shown_lines(
 
     Args:
         drawing: cleaned.
-        roles: of its layers.
         is_left_out: of its lines: not looked at as walls.
         apart: faces that were found and left out, in the drawing's coordinates.
         file_from_drawing: affine.

@@ -38,10 +38,7 @@ def boxed_rooms(lines: Lines, most: float, extent: float) -> list[BaseGeometry]:
     """Rooms drawn as outlines that stand apart, so that walls are what is between them; none where they
     touch, cover little of the ground, where one is most of it, or where much else is drawn around them.
 
-    Args:
-        lines: that may be walls, curved ones too, in the order of the file.
-        most: how thick walls may be.
-        extent: of the drawing.
+    `lines`: that may be walls, curved ones too, in the order of the file; `most`: how thick walls may be.
     """
     valid, drawn = SelfCrossings().valid, segments.lengths(lines.ends)
     areas = np.array([
@@ -119,11 +116,7 @@ def around_rooms(
     """Lines outside rooms, and the edges of these, which look into their room on the left; and the length of
     the edges that two rooms share.
 
-    Args:
-        candidates: lines.
-        rooms: filled or hatched areas.
-        walls: all solid walls, grown a little.
-        extent: of the drawing.
+    `candidates`: lines; `walls`: all solid walls, grown a little.
     """
     outside = candidates.cut(*outside_rooms(candidates.ends, rooms, 4e-4 * extent))
     edges, shared_edges = edges_of_rooms(rooms, 4e-4 * extent)
@@ -150,10 +143,7 @@ def drawn_between_rooms(lines: Lines, rooms: list[BaseGeometry], extent: float) 
     faces whose free side is unknown: a glazed front, a wall drawn as one line. Where nothing is drawn, as
     between a corridor and a hall, a room goes on.
 
-    Args:
-        lines: straight ones, that may be faces.
-        rooms: filled or hatched areas.
-        extent: of the drawing.
+    `lines`: straight ones, that may be faces.
     """
     tolerance = 4e-4 * extent
     edges = edges_between_rooms(rooms, tolerance)

@@ -59,9 +59,7 @@ def without_sheet(drawing: VectorDrawing, roles: list[Role]) -> tuple[VectorDraw
     """The drawing with frames, title blocks, lines of dimensions and axes on layers of their own, which hold
     no walls; lines on layers called wall stay.
 
-    Args:
-        drawing: cleaned.
-        roles: of its layers.
+    `drawing`: cleaned.
     """
     lines = drawing.lines
     if len(lines) == 0:
@@ -235,9 +233,7 @@ def lines_of_tables(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
 def lines_of_dimensions(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     """Lines with a slanted tick at both ends, the ticks, and the lines from a tick to what is measured.
 
-    Args:
-        lines: straight ones.
-        extent: of the drawing.
+    `lines`: straight ones.
     """
     n = len(lines)
     result = np.zeros(n, dtype=bool)
@@ -317,9 +313,7 @@ def _extension_lines(
 def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
     """Long lines that end at small circles of one size, pointing at their middle, and the circles.
 
-    Args:
-        lines: of the drawing, in the order of the file.
-        extent: of the drawing.
+    `lines`: of the drawing, in the order of the file.
     """
     result = np.zeros(len(lines), dtype=bool)
     bubbles, of = [], []
@@ -356,12 +350,7 @@ def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
 
 
 def lines_of_plain_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
-    """Straight lines through the whole drawing that run on beyond all else at both ends and end at nothing.
-
-    Args:
-        lines: of the drawing.
-        extent: of it.
-    """
+    """Straight lines through the whole drawing that run on beyond all else at both ends and end at nothing."""
     result = np.zeros(len(lines), dtype=bool)
     at = _long_and_free(lines, extent)
     others = np.setdiff1d(np.arange(len(lines)), at)

@@ -55,10 +55,8 @@ def single_line_walls(
     whatever stands along some of them; and what stands alone without a closed outline, or is a block of rooms
     as long. None otherwise.
 
-    Args:
-        candidates: all lines that were looked at.
-        thickness: of the walls that are drawn as two lines, if any are.
-        extent: of the drawing.
+    `candidates`: all lines that were looked at; `thickness`: of the walls that are drawn as two lines, if any
+    are.
     """
     ends = candidates.ends
     if len(ends) == 0:
@@ -111,10 +109,7 @@ def single_lines(candidates: Candidates, faces: WallFaces, extent: float) -> Wal
     its room: a counter, a staircase. And the outline of a building that walls drawn as two lines end at:
     those that stand, beside those that are to be built.
 
-    Args:
-        candidates: all lines that were looked at.
-        faces: that were found among them.
-        extent: of the drawing.
+    `candidates`: all lines that were looked at; `faces`: that were found among them.
     """
     if len(candidates) == 0:
         return WallFaces.of_parts([])
@@ -160,7 +155,6 @@ def _are_of_rooms(
         rest: what no face is of.
         candidates: all lines that were looked at.
         taken: length of the faces of each layer.
-        extent: of the drawing.
     """
     found, length = np.zeros(len(rest), dtype=bool), segments.lengths(rest.ends)
     whole = np.ptp(candidates.ends.reshape(-1, 2), axis=0)
@@ -194,7 +188,6 @@ def _around_faces(
         parts: of the lines, what no face is of.
         lines: all that were looked at.
         faces: that were found among them.
-        extent: of the drawing.
     """
     if len(parts) == 0 or len(faces.ends) == 0 or len(lines) > MAX_OUTLINE_LINES:
         return parts[:0]
@@ -258,10 +251,7 @@ def left_out_words(candidates: Candidates, faces: WallFaces, extent: float) -> t
     """A doubt where much that may be partitions is no face, whatever layers are called: an outer wall may be
     on layer `base`, and one partition on layer `new wall`.
 
-    Args:
-        candidates: all lines that were looked at.
-        faces: that were found.
-        extent: of the drawing.
+    `candidates`: all lines that were looked at; `faces`: that were found.
     """
     if len(faces.ends) == 0:
         return ()

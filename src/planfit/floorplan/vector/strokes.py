@@ -55,7 +55,6 @@ def are_bodies(
     """Which lines are walls by themselves: as wide as walls are thick, finer ones beside them being none.
 
     Args:
-        ends: all lines of a drawing.
         width: of their strokes, in its unit; 0 where unknown.
         may: those in a colour that walls have.
     """
@@ -132,9 +131,7 @@ def area_of_strokes(ends: Float[np.ndarray, "n 2 2"], width: float) -> BaseGeome
     """What strokes of one width fill where they lie side by side, to the middle of the outermost; empty where
     they are lines, or too few to be a fill.
 
-    Args:
-        ends: straight strokes.
-        width: of the pen, in the same unit.
+    `ends`: straight strokes; `width`: of the pen, in the same unit.
     """
     if len(ends) < MANY:
         return shapely.Polygon()

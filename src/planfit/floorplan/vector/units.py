@@ -86,7 +86,6 @@ def unit_of_drawing(
 
     Args:
         drawing: what the file says itself.
-        path: for messages.
         options: `unit` and `metres_per_unit`.
         size: larger extent of the walls, in the drawing's unit.
         usual_thickness: of its walls, in the same; None where unknown.
@@ -312,9 +311,7 @@ def scale_of_rooms(
 ) -> DimensionScale | None:
     """Metres of one unit of the drawing, by sizes of rooms that agree with the faces around their texts.
 
-    Args:
-        ends: of wall faces, in the drawing's unit.
-        texts: of the drawing.
+    `ends`: of wall faces, in the drawing's unit.
     """
     scales: list[float] = []
     sizes: list[RoomSize] = []

@@ -158,10 +158,7 @@ def _rest_of_bodies(candidates: Candidates, faces: WallFaces, extent: float) -> 
 
     None of drawings of more than `MAX_OUTLINE_LINES` lines, whose areas take too long to close.
 
-    Args:
-        candidates: all lines that were looked at.
-        faces: found among them as two faces of one wall.
-        extent: of the drawing.
+    `candidates`: all lines that were looked at; `faces`: found among them as two faces of one wall.
     """
     none = WallFaces.of_parts([])
     paired = faces.take(np.isfinite(faces.thickness) & faces.is_oriented & (faces.line >= 0))

@@ -30,9 +30,7 @@ MOST_PLACES = 400_000
 def sides_with_room(ends: Float[np.ndarray, "n 2 2"], widest: float) -> Int[np.ndarray, " n"]:
     """1 where the left side of a line is free, -1 the right, 0 where both or neither have room.
 
-    Args:
-        ends: merged, no two on one another.
-        widest: what a wall may be thick at most.
+    `ends`: merged, no two on one another; `widest`: what a wall may be thick at most.
     """
     n, radius = len(ends), ROOM * widest / 2
     length = segments.lengths(ends)

@@ -87,10 +87,9 @@ def walls_of_drawing(
     """Find the walls of a cleaned drawing.
 
     Args:
-        drawing: lines, fills; coordinates in its own unit.
         roles: what each layer holds.
-        metres_per_unit: where it is known, walls are 0.03 to 0.62 m thick; otherwise the usual
-            distance of neighbouring lines tells.
+        metres_per_unit: where it is known, walls are 0.03 to 0.62 m thick; otherwise the usual distance of
+            neighbouring lines tells.
         are_chosen: whether the user named the layers of walls: others only open them.
 
     Raises:
@@ -190,8 +189,7 @@ def _round_walls(faces: WallFaces, lines: Lines) -> tuple[WallFaces, Bool[np.nda
 def counted_openings(names: Sequence[str]) -> tuple[str, ...]:
     """How many doors and windows there are, each with an opening in both faces of its wall.
 
-    Args:
-        names: what each opening is.
+    `names`: what each opening is.
     """
     count = Counter(names)
     return tuple(counted((n + 1) // 2, name) for name, n in count.items())

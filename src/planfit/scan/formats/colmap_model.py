@@ -124,10 +124,8 @@ def read_model(
 ) -> tuple[dict[int, ColmapCamera], list[ColmapImage]]:
     """Cameras by number, and images in the order of their names.
 
-    Args:
-        source: where the files lie.
-        folder: the model's, inside the source.
-        observations: whether to read where each image saw which 3D point.
+    `folder`: the model's, inside the source; `observations`: whether to read where each image saw which 3D
+    point.
 
     Raises:
         ScanError: files are missing or damaged.

@@ -55,9 +55,8 @@ class Video:
     def open(path: Path, file: Path | None = None) -> "Video":
         """List the frames of a video without decoding them, those that an edit list hides too.
 
-        Args:
-            path: the file.
-            file: where its content lies, for a `path` inside an archive, which messages then name.
+        `path`: the file; `file`: where its content lies, for a `path` inside an archive, which messages then
+        name.
 
         Raises:
             ScanError: PyAV is not installed, or the file is no whole video.

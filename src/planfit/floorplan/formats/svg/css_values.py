@@ -123,9 +123,7 @@ def plain_colour(text: str, by_id: Mapping[str, ET.Element]) -> str | None:
 
     Of a gradient its middle colour is taken.
 
-    Args:
-        text: of `fill` or `stroke`.
-        by_id: elements of the drawing, whose styles are in their attributes.
+    `text`: of `fill` or `stroke`; `by_id`: elements of the drawing, whose styles are in their attributes.
     """
     tokens = _tokens(text)
     server = _url(tokens[0]) if tokens else ""
