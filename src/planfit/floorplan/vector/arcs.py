@@ -7,7 +7,6 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.line_work import WallFaces
-from planfit.floorplan.vector.openings import curve_runs
 from planfit.geometry import segments
 
 ROUND = 0.03
@@ -89,6 +88,21 @@ def joints(lines: Lines) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"
     shorter = np.minimum(length[:-1], length[1:])
     is_one = (lines.path[:-1] == lines.path[1:]) & (gap < 1e-3 * shorter)
     return segments.turns(along[:-1], along[1:]), is_one
+
+
+def curve_runs(lines: Lines) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
+    """Index of each segment of a curve, in the order of the file, and the number of the run it is in."""
+    at = np.flatnonzero(lines.is_curved)
+    if len(at) == 0:
+        return at, at
+    ends, along = lines.ends[at], segments.directions(lines.ends[at])
+    gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
+    joined = (
+        (np.diff(at) == 1)
+        & (gap <= 1e-3 * segments.lengths(ends)[1:])
+        & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
+    )
+    return at, np.cumsum(np.concatenate([[True], ~joined])) - 1
 
 
 def round_walls(lines: Lines, usual_thickness: float) -> tuple[WallFaces, Bool[np.ndarray, " n"]]:

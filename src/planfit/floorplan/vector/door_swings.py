@@ -9,11 +9,12 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.vector.arcs import ROUND, fit_circle
+from planfit.floorplan.vector.arcs import ROUND, curve_runs, fit_circle
 from planfit.floorplan.vector.drawing import Fill, Lines
-from planfit.floorplan.vector.openings import TOLERANCE, curve_runs
 from planfit.priors import BUILDING_LIKELY_SIZE_M, DOOR_LEAF_WIDTH_M
 
+TOLERANCE = 0.12
+"""Of a leaf's length: leaves are up to 6 cm thick, and arcs are drawn to either edge."""
 RADIUS_THICKNESSES = (2.5, 25.0)
 """Of leaves where the unit is unknown, in thicknesses of the usual wall."""
 LIKE_ARC = 2.5
@@ -36,7 +37,7 @@ class DoorSwing:
     has_leaf: tuple[bool, bool]
     """Whether a line is drawn along each: the leaf, open."""
     leaf_lines: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=int))
-    """Lines of the drawing, by index, that are the open leaf; none where that is not known."""
+    """Lines of the drawing, by index, that are drawn along either."""
     is_ajar: bool = False
     """Whether only the drawn leaf, the first of `leaves`, tells that the arc is a door's: it is neither about
     a quarter nor half of a circle."""
@@ -123,9 +124,8 @@ def _swing_of(
         exact = [straight[_lines_along(leaf, tips, ROUND * circle.radius)] for leaf in leaves]
         if (len(exact[0]) > 0) != (len(exact[1]) > 0):
             one, other = exact
-    is_known = (len(one) > 0) != (len(other) > 0) and sweep < HALF_DEG[0]
-    lines = np.concatenate([one, other]) if is_known else one[:0]
-    return DoorSwing(leaves, circle.radius, (len(one) > 0, len(other) > 0), lines)
+    has_leaf = (len(one) > 0, len(other) > 0)
+    return DoorSwing(leaves, circle.radius, has_leaf, np.concatenate([one, other]))
 
 
 def _ajar(

@@ -1,101 +1,22 @@
-"""Doors and windows as they are drawn in line work.
-
-Leaves of doors are drawn open, as a line or a thin box from the hinge to the tip of a quarter circle, or,
-where they swing both ways, from end to end of a half circle. Windows are panes that run from jamb to jamb in
-a wall that goes on beyond both. Left in, panes are thin walls, and sills drawn through make the faces of the
-wall run on.
-"""
+"""Windows as they are drawn in line work: panes from jamb to jamb in a wall that goes on beyond both.
+Left in, panes are thin walls, and sills drawn through make the faces of the wall run on."""
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.spatial
 import shapely
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import PARALLEL_SINE, line_strings
-from planfit.floorplan.vector.drawing import Lines
 from planfit.floorplan.vector.line_work import cut_out
 from planfit.geometry import segments
 
-TOLERANCE = 0.12
-"""Of a leaf's length: leaves are up to 6 cm thick, and arcs are drawn to either edge."""
 MAX_LENGTH = 12.0
 """Of an opening, in thicknesses of its wall: 4.8 m in one of 40 cm."""
 LAYERED_LENGTH = 8.0
 """Of a box with one line within, in thicknesses of its wall: longer ones are layers of the wall."""
 _CROSS_SINE = 0.94
-
-
-def arcs_of_lines(lines: Lines) -> tuple[Float[np.ndarray, "k 2 2"], Float[np.ndarray, " k"]]:
-    """The two ends of each run of segments of a curve, in the order of the file, and its length.
-
-    A run goes on from one path to the next where it keeps its course: some programs write one arc as
-    several splines. The arcs of a double door meet at a point, but turn back there.
-    """
-    at, run = curve_runs(lines)
-    if len(at) == 0:
-        return np.zeros((0, 2, 2)), np.zeros(0)
-    ends, is_first = lines.ends[at], np.diff(run, prepend=-1) > 0
-    is_last = np.diff(run, append=len(run)) > 0
-    length = np.bincount(run, segments.lengths(ends))
-    return np.stack([ends[is_first, 0], ends[is_last, 1]], axis=1), length
-
-
-def curve_runs(lines: Lines) -> tuple[Int[np.ndarray, " c"], Int[np.ndarray, " c"]]:
-    """Index of each segment of a curve, in the order of the file, and the number of the run it is in."""
-    at = np.flatnonzero(lines.is_curved)
-    if len(at) == 0:
-        return at, at
-    ends, along = lines.ends[at], segments.directions(lines.ends[at])
-    gap = np.linalg.norm(ends[1:, 0] - ends[:-1, 1], axis=1)
-    joined = (
-        (np.diff(at) == 1)
-        & (gap <= 1e-3 * segments.lengths(ends)[1:])
-        & (np.einsum("ni,ni->n", along[1:], along[:-1]) > 0.5)
-    )
-    return at, np.cumsum(np.concatenate([[True], ~joined])) - 1
-
-
-def is_door_leaf(
-    ends: Float[np.ndarray, "n 2 2"],
-    arcs: Float[np.ndarray, "k 2 2"],
-    arc_lengths: Float[np.ndarray, " k"],
-) -> Bool[np.ndarray, " n"]:
-    """Which lines reach from the centre of a quarter circle to one of its ends, or join those of a
-    half circle.
-
-    Args:
-        ends: lines that may be leaves.
-        arcs: ends of curves of any kind.
-        arc_lengths: lengths of those curves.
-    """
-    found = np.zeros(len(ends), dtype=bool)
-    if len(ends) == 0:
-        return found
-    length = segments.lengths(ends)
-    # Ends of all lines, the first ends first: a drawing has thousands of arcs and of lines.
-    tree = scipy.spatial.cKDTree(np.concatenate([ends[:, 0], ends[:, 1]]))
-    chords = segments.lengths(arcs)
-    is_half = np.abs(arc_lengths - np.pi / 2 * chords) < 0.1 * chords
-    both_ways = np.concatenate([arcs, arcs[:, ::-1]])
-    for (tip, latch), chord, half in zip(
-        both_ways, np.tile(chords, 2), np.tile(is_half, 2), strict=True
-    ):
-        if chord == 0:
-            continue
-        radius = chord / np.sqrt(2)
-        near = TOLERANCE * radius
-        at_tip = np.array(tree.query_ball_point(tip, near), dtype=int)
-        line, other = at_tip % len(ends), 1 - at_tip // len(ends)
-        from_latch = np.linalg.norm(ends[line, other] - latch, axis=1)
-        if half:
-            is_leaf = from_latch < near
-        else:
-            is_leaf = (np.abs(length[line] - radius) < near) & (np.abs(from_latch - radius) < near)
-        found[line[is_leaf]] = True
-    return found
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from planfit.floorplan.vector.line_work import (
     merge_collinear,
     usual_extent,
 )
-from planfit.floorplan.vector.openings import arcs_of_lines, is_door_leaf, take_out_windows
+from planfit.floorplan.vector.openings import take_out_windows
 from planfit.floorplan.vector.room_edges import boxed_rooms, drawn_between_rooms
 from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
 from planfit.floorplan.vector.strokes import LEAST_SLIM, slimness
@@ -264,7 +264,7 @@ def _have_form_of_faces(
     lines: Lines, is_row: Bool[np.ndarray, " n"], swings: list[DoorSwing]
 ) -> tuple[Bool[np.ndarray, " n"], list[str]]:
     """Lines that are neither in rows, nor curved, nor open doors; and what the others are, in words."""
-    is_leaf = ~lines.is_curved & is_door_leaf(lines.ends, *arcs_of_lines(lines))
+    is_leaf = np.zeros(len(lines), dtype=bool)
     for swing in swings:
         is_leaf[swing.leaf_lines] = True
     words = []
