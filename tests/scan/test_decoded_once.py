@@ -12,8 +12,7 @@ from builders import NoFiles, look, room_scan
 from planfit.errors import ScanError
 from planfit.geometry.calibration import SensorCalibration
 from planfit.scan import calibrated_scan, corrupt_frames
-from planfit.scan.decoded_once import decoded_once
-from planfit.scan.views import tolerate_corrupt_frames
+from planfit.scan.views import decoded_once, tolerate_corrupt_frames
 
 POSES = np.stack([look([2, 2, 1.5], yaw) for yaw in (0, 30, 60)])
 N_BYTES = 4 * 6 * 4
@@ -81,7 +80,7 @@ def test_threads_get_the_same_images(scan):
 
 
 def test_no_more_is_kept_than_the_limit(scan, monkeypatch):
-    monkeypatch.setattr("planfit.scan.decoded_once.MAX_KEPT_BYTES", 2 * N_BYTES)
+    monkeypatch.setattr("planfit.scan.views.MAX_KEPT_BYTES", 2 * N_BYTES)
     with decoded_once([scan]) as (kept,):
         depths_are_right(kept)
         depths_are_right(kept)

@@ -28,8 +28,8 @@ from planfit.runtime import Runtime, StageTimer
 from planfit.runtime.run_folder import RunFolder
 from planfit.saving import RunInputs, write_run
 from planfit.scan import Scan
-from planfit.scan.decoded_once import decoded_once
 from planfit.scan.joined import short_names
+from planfit.scan.views import decoded_once
 from planfit.survey import RoleResiduals, Survey, SurveyResiduals
 from planfit.units import in_units, quantity
 

@@ -53,8 +53,8 @@ from planfit.floorplan.raster.sheet_marks import (
     without_bars,
     without_frame,
     without_signs,
+    without_text,
 )
-from planfit.floorplan.raster.text_lines import without_text
 from planfit.floorplan.raster.trace import settle_faces, straight_lengths
 from planfit.floorplan.types import Floorplan, PlanSource
 from planfit.floorplan.vector.line_work import WallFaces

@@ -350,7 +350,7 @@ def lines_of_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
 
 
 def lines_of_plain_axes(lines: Lines, extent: float) -> Bool[np.ndarray, " n"]:
-    """Straight lines through the whole drawing that run on beyond all else at both ends and end at nothing."""
+    """Straight lines through the drawing that run on beyond all else at both ends and end at nothing."""
     result = np.zeros(len(lines), dtype=bool)
     at = _long_and_free(lines, extent)
     others = np.setdiff1d(np.arange(len(lines)), at)

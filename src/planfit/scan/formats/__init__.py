@@ -16,7 +16,7 @@ READERS = {
     "7-scenes": "seven_scenes.SEVEN_SCENES",
     "scannet": "scannet.SCANNET",
     "arkit-scenes": "arkit_scenes.ARKIT_SCENES",
-    "scannetpp": "scannetpp.SCANNETPP",
+    "scannetpp": "scannet.SCANNETPP",
     "replica": "pose_lists.REPLICA",
     "redwood": "pose_lists.REDWOOD",
     "nerfstudio": "nerfstudio.NERFSTUDIO",
