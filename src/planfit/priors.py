@@ -334,7 +334,13 @@ EYE_HEIGHT_M = Prior(
     1.6, "Eyes of people who stand: 1.53 m of women, 1.63 m of men in the median (DIN 33402-2)."
 )
 
-# Drawings
+# Drawings and files
+
+COORDINATE_MOST = Prior(
+    1e9,
+    "No national grid reaches this far in any unit, and nothing is as far from its origin: such numbers are "
+    "faults of a file.",
+)
 
 PAPER_WIDTH_MOST_M = Prior(
     1.6,

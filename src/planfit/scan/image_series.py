@@ -44,8 +44,6 @@ DEPTH_SUFFIXES = (".png", ".pgm", ".tif", ".tiff", ".npy", ".exr")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 _CLOCK_DIGITS = 10
 """Seconds since 1970 have so many before the point until 2286; more are of a smaller unit."""
-MIN_SHARED = 0.5
-"""Names tell which files are of one frame where at least this share of the shorter series has a partner."""
 
 
 @dataclass(frozen=True)
@@ -269,7 +267,9 @@ def partners(
     of each is.
     """
     keys, others = (sorted(one, key=in_order) for one in (keys, others))
-    least = MIN_SHARED * min(len(keys), len(others))
+    least = (
+        min(len(keys), len(others)) / 2
+    )  # names tell where most of the shorter series have partners
     shared = set(keys) & set(others)
     if len(keys) == len(others) > len(shared) and _is_gapless(keys) and _is_gapless(others):
         return list(zip(keys, others, strict=True)), True

@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
+from planfit.scan.poses import MAX_ROTATION_DEFECT
 from planfit.scan.tables import shorten, with_decimal_points
 
 _NAMES = {
@@ -238,7 +239,7 @@ def _poses(path: Path, named: dict[str, np.ndarray]) -> Float[np.ndarray, "n 4 4
         rotations = Rotation.from_quat(quaternions).as_matrix()
     elif "r00" in named:
         matrices = np.stack([named[c] for c in _ROTATION], axis=1).reshape(-1, 3, 3)
-        if np.abs(np.linalg.det(matrices) - 1).max() > 0.01:
+        if np.abs(np.linalg.det(matrices) - 1).max() > MAX_ROTATION_DEFECT:
             raise ScanError(f"{path}: expected rotations in pose00 to pose22, found other matrices")
         rotations = se3.project_to_so3(matrices)
     return se3.make_transform(rotations, positions)

@@ -11,11 +11,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from planfit.errors import ScanError
-from planfit.scan.image_series import MIN_SHARED
 from planfit.scan.laser.cloud import MIN_SPAN_SHARE
 from planfit.scan.laser.trajectory import CLOCK_UNITS, clock_unit
 from planfit.scan.pose_columns import TUM, named_columns, parse_columns
 from planfit.scan.poses import (
+    MAX_ROTATION_DEFECT,
     are_of_a_clock,
     check_recorded_poses,
     is_lost,
@@ -33,8 +33,6 @@ NO_CLOCK = (
     "the lists, line by line, without times"
 )
 """What to say of times that are left aside."""
-MAX_QUATERNION_DEFECT = 0.01
-"""Quaternions that are off their unit length by more are other numbers; three decimals are off by 0.001."""
 _WIDTHS = (7, 8, 9, 12, 13, 16, 17)
 """Numbers a line of tables of poses."""
 MIN_NS_DIGITS = 15
@@ -132,7 +130,7 @@ def _of_numbers(values: Float[np.ndarray, "n c"], content: str, path: Path) -> P
     number), 12 (KITTI) or 16 (whole matrices, as Replica and programs that render have them), or of 13 or 17,
     with a time or number before a matrix."""
     if values.shape[1] == 7:
-        if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() > MAX_QUATERNION_DEFECT:
+        if np.abs(np.linalg.norm(values[:, 3:], axis=1) - 1).max() > MAX_ROTATION_DEFECT:
             raise ScanError(
                 f"{path}: expected lines x y z qx qy qz qw, found lines of 7 numbers whose last four are no "
                 "unit quaternion; name the columns in a first line, such as qw,qx,qy,qz,x,y,z"
@@ -249,7 +247,7 @@ def poses_of_images(
             told = [rows if is_clocked else NO_CLOCK.format(f"times of {path.name}")]
             return table.poses, ~is_lost(table.poses), told
     poses, known = poses_of_frames(ids, times, table, where, max_gap_s)
-    if table.kind == "tum" and are_counted and known.mean() < MIN_SHARED:
+    if table.kind == "tum" and are_counted and known.mean() < 0.5:
         raise ScanError(
             f"{where} a row for each of {len(ids)} images, which are numbered {ids[0]} to {ids[-1]}, found "
             f"{len(table.keys)} rows with times; write the numbers of the images in place of the times"

@@ -7,15 +7,13 @@ from jaxtyping import Float, Int
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.priors import STEP_AT_VIDEO_RATE_M
+from planfit.priors import DEPTH_EDGE_SHARE, STEP_AT_VIDEO_RATE_M
 from planfit.runtime import Runtime, cache_key
 from planfit.scan.types import Scan
 
 NEAR_PX = 3
 """Depth is the median of the pixels this near, rows and columns: what is picked is set on something flat, and
 single pixels are noisy, or have none."""
-SAME_SURFACE_SHARE = 0.03
-"""Pixels near whose depth differs by more from the nearest one's, as a share, show something else."""
 
 MAX_FRAMES = 60
 POINTS_PER_FRAME = 3000
@@ -158,5 +156,5 @@ def depth_at(depth_m: Float[np.ndarray, "h w"], u: float, v: float) -> float | N
         return None
     values = window[rows, columns]
     nearest = np.argmin((rows + top - v) ** 2 + (columns + left - u) ** 2)
-    same = np.abs(values - values[nearest]) <= SAME_SURFACE_SHARE * values[nearest]
+    same = np.abs(values - values[nearest]) <= DEPTH_EDGE_SHARE.value * values[nearest]
     return float(np.median(values[same]))

@@ -138,7 +138,9 @@ def _solid(
 def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
     """One for each tone that covers enough of the picture evenly."""
     smooth = cv2.blur(darkness, (3, 3))
-    flat = cv2.dilate(darkness, np.ones((3, 3))) - cv2.erode(darkness, np.ones((3, 3))) < 0.08
+    flat = (
+        cv2.dilate(darkness, np.ones((3, 3))) - cv2.erode(darkness, np.ones((3, 3))) < _TONE_WIDTH
+    )
     counts, edges = np.histogram(smooth[flat], 50, (0.0, 1.0))
     smooth_counts, middles = np.convolve(counts, [1, 1, 1], "same"), (edges[1:] + edges[:-1]) / 2
     result = []

@@ -24,8 +24,6 @@ _THIN, _THICK = 0.35, 1.5
 """Walls are thicker than this share of the median: leaves of doors are thinner; and thinner than this many
 times what all but few are thinner than."""
 _SHARES = np.array([0.5, 0.9])
-_MOSTLY = 0.5
-"""From this share of hatched inside on, all walls of the drawing are taken to be hatched."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +159,7 @@ def fill_hatching(
     filled &= (1 - empty) | lines
     mask = opened(filled, least)
     share = _hatched_share(mask, oblique, size, line_work.line_px)
-    if share < _MOSTLY:
+    if share < 0.5:  # else all walls of the drawing are taken to be hatched
         return _Hatching(mask, share, -line_work.line_px / 2)
     line_px = round(line_work.line_px)
     mask = closed(_hatched_cells(filled, lines, oblique), line_px + 3)
@@ -208,4 +206,4 @@ def _outlined_alike(
     share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():
         return mask
-    return of_labels(labels, share > 0.6)
+    return of_labels(labels, share > 0.5)

@@ -57,8 +57,6 @@ ALL_INK = 0.95
 """Of the ink, what walls are at least where nothing else is drawn."""
 _ENOUGH_INK = 0.4
 """Of the ink, what walls are at least in drawings full of furniture and words: 0.43 and more (measured)."""
-_LEAST_BLACK = 0.5
-"""Of the ink; the rest are the soft edges of thin walls, or pale furniture."""
 _FINE_SIDE_PX, _MOST_ZOOM = 5000, 4
 """Outlines are found in a picture of about this size at least, enlarged this many times at most."""
 _SPECK_PX, _SPECK = 3, 0.33
@@ -174,7 +172,8 @@ def find_walls_alone(
     """
     black = (small > INK).astype(np.uint8)
     n_dark = int((small > DARK).sum())
-    if opened(black, 2).sum() < _LEAST_BLACK * n_dark or are_patchy(small):
+    # What is not black are the soft edges of thin walls, or pale furniture.
+    if opened(black, 2).sum() < n_dark / 2 or are_patchy(small):
         return None
     width = least_wall_width(black, max(small.shape))
     if width.least_px == 0 or not width.is_all:

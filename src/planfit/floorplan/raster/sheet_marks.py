@@ -23,8 +23,6 @@ _SPECK_PX = 40
 """Marks of fewer pixels lie anywhere."""
 _WHOLE_SIDE, _FLAT = 0.9, 0.15
 """A bar runs along so much of a side of what is drawn, and is as high as this share of it at most."""
-_SOLID = 0.5
-"""Of its box, what of a bar is dark: the rest are letters."""
 _LETTERS = 5
 """White on a bar. A long wall may have as many panes of windows, which are longer than letters are."""
 _LETTER = (0.1, 0.95)
@@ -109,8 +107,8 @@ def _lies_along_a_side(
         end = box[across] + box[2 + across]
         is_at_side = box[across] < low[across] + near or end > high[across] - near
         is_bar = box[2 + axis] > _WHOLE_SIDE * size[axis] and box[2 + across] < _FLAT * size[across]
-        if is_at_side and is_bar and box[4] > _SOLID * box[2] * box[3]:
-            return True
+        if is_at_side and is_bar and 2 * box[4] > box[2] * box[3]:
+            return True  # the rest are letters
     return False
 
 

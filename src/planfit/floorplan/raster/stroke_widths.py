@@ -28,9 +28,6 @@ from planfit.floorplan.raster.trace import profiles, straight_lengths, trace_reg
 from planfit.floorplan.vector.line_work import edges_of_areas
 from planfit.geometry import segments
 
-_VALLEY = 0.5
-"""Widths part two kinds of strokes where the drawing has at most this share of the length it has at the usual
-width of either: 0.3 between arcs of 2 px and partitions of 5 px, with leaves of doors of 4 px."""
 _BASE = 1.0
 """The thickest strokes that are this long in all, in sides of the drawing, are walls, if any are."""
 _MOST_TWINS = 0.21
@@ -192,12 +189,13 @@ def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.n
 
 
 def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
-    """Least width above each gap between two kinds of strokes: past the emptiest one, or the first that is as
-    good as empty, as round walls lose their form where an opening is wide."""
+    """Least width above each gap between two kinds of strokes, where the drawing has at most half the length
+    that it has at the usual width of either: past the emptiest one, or the first that is as good as empty, as
+    round walls lose their form where an opening is wide."""
     below = np.maximum.accumulate(length)
     above = np.maximum.accumulate(length[::-1])[::-1]
     most = np.minimum(below, above)
-    is_empty = (length <= _VALLEY * most) & (most > 0)
+    is_empty = (length <= most / 2) & (most > 0)
     label = np.cumsum(np.diff(is_empty, prepend=False))
     gaps = [np.flatnonzero(is_empty & (label == k)) for k in np.unique(label[is_empty])]
     return [int(gap[np.argmin(np.maximum(length, _DIRT * most)[gap])]) + 1 for gap in gaps]

@@ -19,9 +19,6 @@ from planfit.floorplan.vector.strokes import LEAST_SLIM, MOST_COVERED, slimness
 ROOMS_COVER, ROOMS_REACH = 0.3, 0.1
 """Rooms cover this share of the ground that they enclose, and enclose this share of that of the whole
 drawing: filled pieces of furniture do not, or are a kitchen. Floors of real drawings cover 0.6 to 0.9."""
-MOST_OF_PAGE = 0.5
-"""Of a page, what shows of its tint where walls in white lie on it: a ring of walls is less of what it has
-around it. And what one of several rooms is less of."""
 ROOM_SIZED, MUCH_LEFT_OUT = 0.25, 0.1
 """Of the usual room's area, what may be a room; and of the area of all rooms, what is worth a word."""
 ALL_ON, MORE_ON = 0.9, 2.0
@@ -175,9 +172,9 @@ def without_paper(
     high = np.concatenate([boxes[:, 2:], points]).max(axis=0)
     whole, tolerance = shapely.box(*low, *high), 1e-3 * extent
     is_all = np.abs(boxes - np.concatenate([low, high])).max(axis=1) < tolerance
-    # White walls that lie on a dark page are cut out of it.
+    # White walls that lie on a dark page are cut out of it; a ring of walls is less than half of its box.
     filled = shapely.area([_without_holes(polygon) for polygon in polygons])
-    is_all &= (filled > 0.99 * whole.area) & (shapely.area(polygons) > MOST_OF_PAGE * whole.area)
+    is_all &= (filled > 0.99 * whole.area) & (shapely.area(polygons) > whole.area / 2)
     if not is_all.any() or shapely.dwithin(whole.exterior, lines, tolerance):
         return fills, True
     kept = tuple(fill for fill, is_paper in zip(fills, is_all, strict=True) if not is_paper)

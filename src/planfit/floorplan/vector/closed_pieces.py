@@ -13,6 +13,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.elements import ELONGATED
 from planfit.floorplan.faces import connected_groups, line_strings
 from planfit.floorplan.vector.drawing import EDGE, SAME, Fill, Lines
 from planfit.floorplan.vector.layer_names import Role
@@ -21,20 +22,14 @@ from planfit.floorplan.vector.regions import without_seams
 from planfit.floorplan.vector.single_lines import MIN_ENDING
 from planfit.geometry import segments
 
-MIN_SHARE = 0.6
-"""Of the length of a layer that closed pieces make, where it draws its walls so. Elsewhere a slim closed
-outline may be a shaft, and the room in it."""
 _COLUMN = 1.5
 """What is no longer than so many times the thickest wall is a column, which may be round."""
 _LEAST = 0.24
 """Of the largest column, 0.22 m of 0.93: smaller ones are mullions and posts of railings."""
-_SLIM = 2.0
 _FILLED, _ROUND = 0.93, 0.03
 """A column fills its box, up to chamfers, or is a circle up to this share; pans and basins are neither."""
 _ALIKE, _MANY = 0.1, 3
 """Elsewhere than among walls, columns are at least so many of one size, up to this share of it."""
-_AROUND = 0.5
-"""Of the length of all lines, what the outer outline holds at least: the outline is that of the building."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +63,8 @@ def closed_pieces(lines: Lines, roles: list[Role], most: float) -> ClosedPieces:
             areas = _closed_areas(lines.take(at))
             is_slim = np.array([area.buffer(-most / 2).is_empty for area in areas], dtype=bool)
             own = areas[is_slim]
-            if shapely.length(own).sum() < MIN_SHARE * length[at].sum():
+            # Where walls are not drawn so, a slim closed outline may be a shaft, and the room in it.
+            if shapely.length(own).sum() < length[at].sum() / 2:
                 own = find_column_rings(lines.ends[at], _COLUMN * most)
         if len(own):
             used.append(layer)
@@ -188,7 +184,7 @@ def _have_form(areas: Shaped[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
     is_rectangle = area > _FILLED * shapely.area(boxes)
     perimeter = shapely.length(areas)
     is_circle = np.abs(4 * np.pi * area / perimeter**2 - 1) < _ROUND
-    return (sides[:, 1] < _SLIM * sides[:, 0]) & (is_rectangle | is_circle)
+    return (sides[:, 1] < ELONGATED * sides[:, 0]) & (is_rectangle | is_circle)
 
 
 def _rings(ends: Float[np.ndarray, "n 2 2"], least: float, most: float) -> Shaped[np.ndarray, " k"]:
@@ -227,7 +223,7 @@ def outer_wall(lines: Lines, most: float, extent: float) -> BaseGeometry:
     outer, inner = rings
     length = segments.lengths(lines.ends)
     is_inside = shapely.covers(shapely.buffer(outer, EDGE * extent), line_strings(lines.ends))
-    if length[is_inside].sum() < _AROUND * length.sum():
+    if length[is_inside].sum() < length.sum() / 2:  # not the outline of the building
         return none
     apart = shapely.distance(shapely.points(shapely.get_coordinates(outer)), inner).max()
     if apart > np.sqrt(2.0) * most or inner.exterior.distance(outer.exterior) < EDGE * extent:

@@ -33,9 +33,6 @@ from planfit.priors import WALL_FACES_APART_M, WALL_LINES_APART_LEAST_M
 
 MAX_OPENING = 25.0
 """Widest opening between parts of one wall, in thicknesses of the usual wall: 2.5 m for one of 10 cm."""
-MOSTLY = 0.5
-"""Of the length of pairs of lines: where those with room on both of their sides are most of a drawing, they
-tell how thick its walls are."""
 ALIKE, SELDOM = (0.9, 1.1), 0.02
 LEAST_OFTEN, SURELY_OFTEN = 6.0, 60.0
 """A thickness is one of walls where, within such shares of it, walls have such a share of all their length;
@@ -185,7 +182,7 @@ def _are_beside_single(
     both, one = is_called[near.line] & is_called[near.partner], is_called[near.line]
     paired = covered_lengths(near.line[both], near.low[both], near.high[both], len(ends))
     length = segments.lengths(ends)
-    if paired[is_called].sum() > MOSTLY * length[is_called].sum():
+    if paired[is_called].sum() > length[is_called].sum() / 2:
         return np.zeros(len(one), dtype=bool)
     return one != is_called[near.partner]
 
@@ -203,7 +200,7 @@ def _are_as_thick(pairs: Partners, is_certain: Bool[np.ndarray, " p"]) -> Bool[n
     """Pairs as far apart as enough that have room on both sides: walls have few thicknesses, furniture many.
     All where such pairs are not most."""
     gap, overlap = np.abs(pairs.gap), pairs.high - pairs.low
-    if overlap[is_certain].sum() <= MOSTLY * overlap.sum():
+    if overlap[is_certain].sum() <= overlap.sum() / 2:
         return np.ones(len(gap), dtype=bool)
     order = np.argsort(gap[is_certain])
     known = gap[is_certain][order]
@@ -219,7 +216,7 @@ def _usual_of_certain(
     """How thick walls usually are by the pairs with room on both sides, where these are most and it is more:
     what is counted before has furniture in it."""
     overlap = pairs.high - pairs.low
-    if overlap[is_certain].sum() <= MOSTLY * overlap.sum():
+    if overlap[is_certain].sum() <= overlap.sum() / 2:
         return thickness.usual
     certain = weighted_median(np.abs(pairs.gap)[is_certain], overlap[is_certain])
     return max(certain, thickness.usual)

@@ -20,9 +20,9 @@ from planfit.floorplan.vector.strokes import (
     body_of_strokes,
     slimness,
 )
+from planfit.priors import COORDINATE_MOST
 
-ABSURD = 1e9
-"""No national grid reaches this far, in any unit: such coordinates are faults of the file."""
+ABSURD = COORDINATE_MOST.value
 
 DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""

@@ -16,7 +16,7 @@ from planfit.floorplan.faces import (
 from planfit.floorplan.vector.double_lines import Thickness
 from planfit.floorplan.vector.drawing import EDGE
 from planfit.floorplan.vector.line_work import extremes
-from planfit.floorplan.vector.wall_sides import sides_with_room
+from planfit.floorplan.vector.wall_sides import ROOM, sides_with_room
 from planfit.geometry import segments
 
 TOUCHING = EDGE
@@ -37,8 +37,6 @@ MOST_LINES = 200
 """Of one piece: closing the areas of more takes long, and none is drawn so."""
 AROUND = 0.25
 """Of the hull of an outline, what must be seen to have room before it."""
-ROOM = 1.5
-"""Thicknesses of the thickest wall that a room is wide at least."""
 SAME_SIZE = 0.05
 """Pieces of furniture that differ by less are of one kind, and may stand in a row."""
 

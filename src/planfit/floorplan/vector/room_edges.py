@@ -7,7 +7,6 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.vector.areas import (
-    MOST_OF_PAGE,
     MUCH_LEFT_OUT,
     ROOMS_COVER,
     drawn_shares,
@@ -56,7 +55,7 @@ def boxed_rooms(lines: Lines, most: float, extent: float) -> list[BaseGeometry]:
     floors = shapely.buffer(shapely.union_all(rooms), 4e-4 * extent)
     shapely.prepare(floors)
     others = drawn[~shapely.covers(floors, line_strings(lines.ends))].sum()
-    is_plan = size.sum() > ROOMS_COVER * ground.area and size.max() < MOST_OF_PAGE * size.sum()
+    is_plan = size.sum() > ROOMS_COVER * ground.area and size.max() < size.sum() / 2
     is_plan &= others < MUCH_LEFT_OUT * shapely.length(rooms).sum()
     return list(rooms) if is_plan and (a == b).all() else []
 

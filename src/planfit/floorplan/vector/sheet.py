@@ -30,8 +30,6 @@ ON, WHOLE, MOST_FRAMES = 1e-3, 0.97, 6
 HUGGED, NEAR_SHARE = 0.4, 0.06
 """Beside the outer face of a building runs its inner one, within this share of its shorter side and along at
 least so much of the whole; a frame keeps away from what it frames."""
-MOST_ATTACHED = 0.5
-"""Of the lines in a frame, by length, those that hang on it: the title block, which has a corner of it."""
 TITLE_SHARE = 0.3
 LONGEST_TICK = 0.03
 """Of the drawing's size; 0.4 m in a house of 13 m. They are drawn as 2 to 4 mm of paper."""
@@ -42,8 +40,6 @@ ALIKE = 0.15
 """Ticks of one chain differ by less in length."""
 BUBBLE, LEAST_BUBBLES, LONG_AXIS = (3e-3, 0.05), 3, 0.2
 """Radius of the circles that name axes, of the drawing's size; a plan has so many, and axes so long."""
-SPAN = 0.5
-"""Of the drawing along it, what an axis without a bubble runs through at least."""
 FREE = 2e-3
 """Of the drawing's size: the end of an axis is further from all else."""
 TAILS = (4e-3, 0.02)
@@ -135,7 +131,8 @@ def lines_of_frame(lines: Lines) -> Bool[np.ndarray, " n"]:
     hangs = (np.bincount(group, at_frame) > 0)[group]
     free = ~hangs
     perimeter = 2.0 * float(size.sum())
-    if length[free].sum() < perimeter or length[hangs].sum() > MOST_ATTACHED * length[free].sum():
+    # The title block hangs on it, which has a corner of it.
+    if length[free].sum() < max(perimeter, 2 * length[hangs].sum()):
         return none
     if lines.is_curved[inside[hangs]].any() or _is_hugged(ends[free], box):
         return none
@@ -380,7 +377,7 @@ def _long_and_free(lines: Lines, extent: float) -> Int[np.ndarray, " k"]:
         return at[:0]
     hull = shapely.convex_hull(shapely.multipoints(lines.ends.reshape(-1, 2)))
     whole = np.ptp(shapely.get_coordinates(hull) @ along[at].T, axis=0)
-    at = at[length[at] > SPAN * whole]
+    at = at[length[at] > whole / 2]
     if len(at) > MOST_LONG:
         return at[:0]
     meets = ends_that_meet(lines.ends[at], at, line_strings(lines.ends), FREE * extent)

@@ -14,8 +14,8 @@ from planfit.floorplan.faces import Partners, covered_lengths, line_strings
 from planfit.geometry import segments
 
 ROOM = 1.35
-"""Diameter of the disc, in greatest thicknesses: 0.84 m, wider than seats of sofas, narrower than corridors.
-"""
+"""How wide a room is at least, in greatest thicknesses, as the disc is: 0.84 m, wider than seats of sofas,
+narrower than corridors."""
 STEP = 0.5
 """Between places along a line where the disc is tried, in its radii."""
 MIN_FREE = 0.1

@@ -12,7 +12,7 @@ from planfit.geometry import se3
 from planfit.scan.images.lens import Lens
 from planfit.scan.layout import FolderLayout, Listing, Refined
 from planfit.scan.pairing import read_camera
-from planfit.scan.poses import MAX_ENTRY, join_times, poses_at
+from planfit.scan.poses import BETWEEN_POSES_S, MAX_ENTRY, join_times, poses_at
 from planfit.scan.recording import Frame, LensOfFrame
 from planfit.scan.source import FileSource
 from planfit.scan.tables import first_of, read_matrix
@@ -25,7 +25,7 @@ CONFIDENCE = "confidence"
 COLORS = ("vga_wide", "lowres_wide", "wide")
 """Colour of the same camera, best first: VGA at 30 Hz; 256 x 192 at 60 Hz; 1920 x 1440, but only of frames
 whose depth fits the laser scanner's."""
-MAX_POSE_GAP_S = 0.06
+MAX_POSE_GAP_S = BETWEEN_POSES_S / 2
 """Poses come at 10 Hz: no image between two of them is further from the nearer one. Nor do intrinsics change
 within as much."""
 MAX_IMAGE_GAP_S = 0.005

@@ -171,7 +171,6 @@ TYPES = {
 }
 """Of matrices, by OpenCV's numbers."""
 RVL, INVERSE = b"DEPTHRVL", b"DEPTHINV"
-MAX_MATRIX_BYTES = 200_000_000
 
 
 @dataclass(frozen=True)
@@ -262,7 +261,7 @@ def parse_matrix(data: bytes, where: str) -> Shaped[np.ndarray, "rows columns"]:
         rows, columns, number = struct.unpack("<3i", data[-12:])
         kind = TYPES[number]
         n_bytes = rows * columns * kind.itemsize
-        if min(rows, columns) < 0 or n_bytes > MAX_MATRIX_BYTES:
+        if min(rows, columns) < 0 or n_bytes > MAX_ENTRY_BYTES:
             raise ValueError(f"{rows} x {columns}")
         found = zlib.decompressobj().decompress(data[:-12], n_bytes + 1)
         return np.frombuffer(found, kind, rows * columns).reshape(rows, columns)

@@ -1,5 +1,5 @@
-"""ScanNet's folders, what tells a depth camera of its own there and in its kin; ScanNet++, a JSON with pose and
-intrinsics of each frame, colour as images or as a video."""
+"""ScanNet's folders, and what tells a depth camera of its own there and in its kin; ScanNet++, a JSON with
+pose and intrinsics of each frame, colour as images or as a video."""
 
 import json
 import re

@@ -18,7 +18,7 @@ from planfit.floorplan.formats import MAX_DEPTH
 from planfit.floorplan.formats.svg.rules import SVG_NAMESPACE, split
 from planfit.floorplan.vector.drawing import LIGHT
 
-_PX = {
+PX = {
     "px": 1.0, "pt": 4.0 / 3.0, "pc": 16.0, "in": 96.0, "cm": 96.0 / 2.54, "mm": 9.6 / 2.54,
     "q": 2.4 / 2.54, "rem": 16.0,
 }  # fmt: skip
@@ -101,8 +101,8 @@ def _single(token: Any, em: float, whole: float) -> _Quantity:
         return token.value * (whole / 100.0), 1
     if token.type == "dimension" and token.lower_unit in _EMS:
         return token.value * (em * _EMS[token.lower_unit]), 1
-    if token.type == "dimension" and token.lower_unit in _PX:
-        return token.value * _PX[token.lower_unit], 1
+    if token.type == "dimension" and token.lower_unit in PX:
+        return token.value * PX[token.lower_unit], 1
     if token.type == "() block":
         return _sum(token.content, em, whole)
     if token.type != "function":

@@ -30,6 +30,7 @@ from svgelements import Text as SvgText
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.formats.svg.css_values import (
+    PX,
     covers,
     dark_ground,
     is_dashed,
@@ -59,7 +60,7 @@ from planfit.floorplan.vector.strokes import Pen
 from planfit.priors import PAPER_WIDTH_MOST_M
 from planfit.units import INCH_M
 
-PIXELS_PER_INCH = 96.0
+PIXELS_PER_INCH = PX["in"]
 """Of CSS (Values and Units, level 3)."""
 _LENGTH = re.compile(r"\s*[-+.\deE]+\s*(?:mm|cm|in|pt|pc|Q)\s*")
 _SCALE = re.compile(r"\s*1\s*[:/]\s*(\d+(?:\.\d+)?)\s*")
@@ -347,7 +348,7 @@ def _add_text(builder: DrawingBuilder, element: SvgText, layer: str) -> None:
     if not text:
         return
     matrix = Matrix(element.transform)
-    height = float(element.font_size or 16.0)  # type: ignore[arg-type]
+    height = float(element.font_size or PX["rem"])  # type: ignore[arg-type]
     width = 0.6 * height * len(text)
     offset = {"middle": 0.0, "end": -0.5}.get(str(element.anchor), 0.5) * width
     at = matrix.point_in_matrix_space((element.x + offset, element.y - 0.35 * height))

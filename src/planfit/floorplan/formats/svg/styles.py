@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from planfit.errors import FloorplanError
 from planfit.floorplan.formats.svg.css_values import (
+    PX,
     length_px,
     plain_colour,
     resolved_variables,
@@ -43,8 +44,8 @@ _DRAWN = _INHERITED | {
 _MOST_TRIALS, _PATH_TRIALS = 1_000_000, 5
 """Rules tried on elements; those that ask for elements around them take longer and count so often. Of a real
 drawing of 20,000 paths and 60 rules 0.1 million."""
-_EM_PX = 16.0
-"""Font size of browsers where none is set: `medium`, 16 px."""
+_EM_PX = PX["rem"]
+"""Font size of browsers where none is set."""
 _CLASS = re.compile(r"\.([-\w]+)")
 _SHAPES = {
     f"{SVG_NAMESPACE}{name}"
