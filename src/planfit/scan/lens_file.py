@@ -13,6 +13,7 @@ from jaxtyping import Float
 from planfit.errors import ScanError
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
+from planfit.priors import COORDINATE_MOST
 from planfit.runtime import write_whole
 from planfit.scan.formats.colmap_model import MODELS, camera_of_words
 from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
@@ -42,8 +43,6 @@ FISHEYES = ("fisheye", "equidistant", "kannalabrandt8")
 FORMAT, VERSION = "planfit-sensor", 1
 _MAX_FOCAL_SHARE = 0.05
 """Autofocus changes the focal length of a phone by 2 to 3 %; another lens differs by more than this."""
-_MAX_NUMBER = 1e12
-"""Nothing that a camera has is so large, in any unit."""
 
 
 def yaml_values(text: str, where: str) -> tuple[dict[str, list[float]], dict[str, str]]:
@@ -334,7 +333,7 @@ def _numbers(
             )
         value = values[name]
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not abs(value) < _MAX_NUMBER:
+        if not is_number or not abs(value) < COORDINATE_MOST.value:
             raise ScanError(
                 f"{path}: {table}.{name}: expected a number, found {value!r}; make the calibration again"
             )

@@ -15,6 +15,7 @@ from planfit.errors import FloorplanError
 from planfit.floorplan.options import MAX_SIZE_M, MIN_SIZE_M
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.drawing import ABSURD
+from planfit.floorplan.vector.line_work import round_origin
 from planfit.geometry import segments
 from planfit.units import FOOT_M
 
@@ -144,16 +145,14 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
     assert floorplan.source.file_from_plan is not None
     map_from_plan = georeference.map_from_pixel @ floorplan.source.file_from_plan
     corners = segments.moved(floorplan.ends.reshape(-1, 2), map_from_plan)
-    low, extent = corners.min(axis=0), np.ptp(corners, axis=0)
+    extent = np.ptp(corners, axis=0)
     metres = _metres_per_unit(georeference, corners)
     size = float((extent * metres).max())
     if not MIN_SIZE_M <= size <= MAX_SIZE_M:
         return floorplan.with_warning(
             f"{georeference.told_by} makes a building of {size:.3g} m: not used; give --scale"
         )
-    is_far = np.abs(low).max() > 20 * extent.max()
-    step = 10.0 ** np.floor(np.log10(extent.max()))
-    origin = np.floor(low / step) * step if is_far else np.zeros(2)
+    origin = round_origin(corners)
     metres_from_map = np.diag([*metres, 1.0]) @ np.array(
         [[1, 0, -origin[0]], [0, 1, -origin[1]], [0, 0, 1]]
     )
@@ -164,7 +163,7 @@ def place_on_map(floorplan: Floorplan, georeference: Georeference) -> Floorplan:
     source = replace(
         placed.source,
         unit=f"px of {pixel_m:.4g} m",
-        unit_from=georeference.told_by + (moved if is_far else ""),
+        unit_from=georeference.told_by + (moved if origin.any() else ""),
         map_from_file=georeference.map_from_pixel,
     )
     return replace(placed, source=source)

@@ -24,7 +24,7 @@ from planfit.floorplan.edits import MAX_ENTRIES
 from planfit.floorplan.formats import fingerprint_of
 from planfit.floorplan.options import PlanOptions, choose_unit
 from planfit.floorplan.types import Floorplan, PlanSource
-from planfit.floorplan.vector.regions import MIN_FACE_M, SelfCrossings
+from planfit.floorplan.vector.regions import MAX_COORDINATE, MIN_FACE_M, SelfCrossings
 from planfit.geometry import segments
 from planfit.priors import DOOR_WIDTH_MOST_M
 
@@ -183,7 +183,11 @@ def _surface(item: dict[str, Any], kind: str) -> Surface:
     matrix = np.array(item["transform"], dtype=float).reshape(4, 4).T
     width, height = (float(value) for value in item["dimensions"][:2])
     corners = np.array([[-width / 2, 0, 0, 1], [width / 2, 0, 0, 1]]) @ matrix.T
-    if not (np.isfinite(corners).all() and np.isfinite(height) and np.abs(corners).max() < 1e6):
+    if not (
+        np.isfinite(corners).all()
+        and np.isfinite(height)
+        and np.abs(corners).max() < MAX_COORDINATE
+    ):
         raise ValueError("no finite numbers")
     middle = float(matrix[1, 3])
     return Surface(

@@ -12,7 +12,7 @@ from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
 from planfit.floorplan.raster.picture import DARK
 from planfit.floorplan.types import Floorplan
-from planfit.floorplan.vector.line_work import outlines
+from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.geometry import segments
 
 _SOFT_PX = 2
@@ -21,7 +21,7 @@ _LONG = 0.03
 """Strokes left out are shown where they reach over this share of the drawing: letters are not."""
 _DOUBTFUL_SHARE = 0.35
 """Of the ink, what walls are at least: drawings full of furniture and words have 0.43 and more."""
-_MOST_SHOWN = 3_000
+
 _SUBPIXEL = 16
 
 
@@ -55,8 +55,7 @@ def account_for(interpretation: Interpretation, small: Float[np.ndarray, "h w"])
     rings = [ring[:, 0] for ring in contours if np.ptp(ring[:, 0], axis=0).max() > least]
     edges = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     lines = np.concatenate([np.zeros((0, 2, 2)), *edges]).astype(float)
-    longest = np.argsort(-np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1))[:_MOST_SHOWN]
-    return InkAccount(share, stroke_length(left), lines[longest])
+    return InkAccount(share, stroke_length(left), longest(lines))
 
 
 def dropped_words(interpretation: Interpretation, shrink: float) -> tuple[str, ...]:

@@ -28,6 +28,8 @@ SEGMENTS_A_CUBIC = 12
 BY_HAND, BY_HAND_PENS = 0.02, 1.5
 """Of its length, and in widths of its pen, what a straight stroke bends at most where programs imitate a hand
 (rough.js: 0.015 of short ones, 1.2 pens)."""
+FAR_FROM_ORIGIN = 20.0
+"""Coordinates further from the origin than this many times the plan's size are moved to it."""
 MAX_LINES = 100_000
 """More of them, in 3 MB, do not show in a picture of 1600 px: those left off are the shortest."""
 
@@ -245,6 +247,17 @@ def usual_extent(points: Float[np.ndarray, "n 2"]) -> float:
     near = away.max(axis=1) <= 20 * usual
     extent = float(np.ptp(points[near], axis=0).max()) if near.any() else 0.0
     return extent if extent > 0 else float(np.ptp(points, axis=0).max())
+
+
+def round_origin(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
+    """What to subtract: nothing of points near their origin, a round number of those far off, as in national
+    grids, where single precision and squares of coordinates would suffer."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = float(max(high - low))
+    if np.abs(low + high).max() / 2 < FAR_FROM_ORIGIN * size:
+        return np.zeros(2)
+    step = 10.0 ** np.floor(np.log10(size))
+    return np.floor(low / step) * step
 
 
 @dataclass(frozen=True)

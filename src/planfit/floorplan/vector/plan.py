@@ -30,7 +30,7 @@ from planfit.floorplan.vector.layer_names import (
     role_of,
     words_on_layers,
 )
-from planfit.floorplan.vector.line_work import WallFaces, longest, outlines
+from planfit.floorplan.vector.line_work import WallFaces, longest, outlines, round_origin
 from planfit.floorplan.vector.own_drawing import is_own_drawing, plan_of_own_drawing
 from planfit.floorplan.vector.scale_bars import ScaleBar, find_scale_bars, without_scale_bars
 from planfit.floorplan.vector.sheet import without_sheet
@@ -41,8 +41,6 @@ from planfit.geometry import segments
 
 SKETCH_PX = 1000.0
 """What sketches are told by is measured in pixels of a picture as wide."""
-FAR_FROM_ORIGIN = 20.0
-"""Coordinates further from the origin than this many times the plan's size are moved to it."""
 SIDE = 1200
 """Cells along the longer side of the grid in which is looked at what is drawn between two plans."""
 
@@ -86,7 +84,7 @@ def plan_of_drawing(
     if walls.shared_edges > 0:
         edges = length_words(walls.shared_edges, unit.metres)
         unread.append(f"{edges} of edges where two rooms meet without a wall between them")
-    origin = _origin(walls.faces.ends)
+    origin = round_origin(walls.faces.ends.reshape(-1, 2))
     walls, storeys = _of_storey(walls, drawing, path, options.storey)
     left, doubts = words_on_layers(walls.by_layer, unit.metres, bool(options.layers))
     warnings = (*unit.warnings, *walls.warnings, *doubts)
@@ -231,18 +229,6 @@ def _warnings_on_unit(first: DrawnWalls, walls: DrawnWalls, unit: PlanUnit) -> t
         f"with {unit.name} as the unit, no two lines are as near as the faces of a wall; if those "
         f"{apart * unit.metres:.2g} m apart are walls, the unit is wrong: give --unit",
     )
-
-
-def _origin(ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "2"]:
-    """What to subtract: nothing for a plan near its origin, a round number for one far off,
-    as in national grids, where single precision and squares of coordinates would suffer."""
-    points = ends.reshape(-1, 2)
-    low, high = points.min(axis=0), points.max(axis=0)
-    size = float(max(high - low))
-    if np.abs(low + high).max() / 2 < FAR_FROM_ORIGIN * size:
-        return np.zeros(2)
-    step = 10.0 ** np.floor(np.log10(size))
-    return np.floor(low / step) * step
 
 
 def shown_lines(
