@@ -16,6 +16,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.errors import FloorplanError, OptionError
 from planfit.floorplan.faces import line_strings
 from planfit.floorplan.types import Floorplan
+from planfit.floorplan.vector.line_work import ends_of
 from planfit.geometry import segments
 from planfit.runtime import write_whole
 
@@ -220,10 +221,8 @@ def _clipped(
         shapely.intersection(line_strings(ends), region), return_index=True
     )
     long = shapely.length(parts) > least
-    parts, of = parts[long], of[long]
-    cut = [shapely.get_coordinates(part)[[0, -1]] for part in parts]
     # Overlays may turn a line round; its face looks the way it did.
-    return np.array(cut).reshape(-1, 2, 2), of
+    return ends_of(parts[long]), of[long]
 
 
 def _with_walls(floorplan: Floorplan, ends: Float[np.ndarray, "a 2 2"]) -> Floorplan:

@@ -10,7 +10,7 @@ READERS = {
     "record3d": "record3d.RECORD3D",
     "scanner-app": "camera_json.SCANNER_APP",
     "polycam": "camera_json.POLYCAM",
-    "openloris": "openloris.OPENLORIS",
+    "openloris": "tum.OPENLORIS",
     "tum": "tum.TUM",
     "bundlefusion": "seven_scenes.BUNDLEFUSION",
     "7-scenes": "seven_scenes.SEVEN_SCENES",

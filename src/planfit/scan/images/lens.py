@@ -18,7 +18,7 @@ MAX_SIZE_PX = 100_000
 MIN_FOCAL_SHARE = 0.02
 """Of a side of the image; fisheyes of 220 degrees have 0.26. Matrices that nobody filled in are the
 identity."""
-MAX_INTRINSIC_PX = 1e7
+MAX_INTRINSIC_PX = 100 * MAX_SIZE_PX
 """Far beyond cameras of at most that size; pixels of others are no numbers of an array."""
 
 

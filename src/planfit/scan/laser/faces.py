@@ -27,7 +27,6 @@ MAX_SIDE_DEG = 100.0
 """A scanner that sees no further around than this sees to one side."""
 SEEN_SHARE = 0.98
 """Share of the points that its cameras show."""
-MARGIN_DEG = 2.0
 MAX_TANGENT = 1.5
 """Of elevations that cameras show: 56 degrees up and down."""
 MAX_WIDTH_PX, MIN_WIDTH_PX = 320, 64
@@ -37,9 +36,7 @@ HOLE_DEG = 2.5
 HOLE_SPACINGS = 2.5
 """The same where points are sparse all over: neighbours of points that lie at random."""
 CELL_DEG = 2.0
-"""Of the grid that tells which directions a scanner sees."""
-MIN_FACE_POINTS = 300
-"""Cameras that see fewer points of an instant are left out."""
+"""Of the grid that tells which directions a scanner sees, and what cameras show beyond these."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ def choose_faces(
     tangent = np.concatenate([one[1] for one in seen])
     middle, span = _narrowest(azimuth)
     if span <= np.deg2rad(MAX_SIDE_DEG):
-        half = 0.5 * span + np.deg2rad(MARGIN_DEG)
+        half = 0.5 * span + np.deg2rad(CELL_DEG)
         azimuths = np.array([middle])
     else:
         # Yaws of a head that spins would turn cameras that see all sides anyway.

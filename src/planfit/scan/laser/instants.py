@@ -20,7 +20,7 @@ from planfit.scan.laser.trajectory import Trajectory
 FAR_M = 40.0
 """Points further from the scanner along an axis take no part: rooms are smaller."""
 MIN_POINTS = 300
-"""Instants of fewer points show no surface."""
+"""Instants of fewer points show no surface, nor do cameras that see fewer of them."""
 MIN_SHARE = 0.1
 """Nor do instants of a smaller share of what most have: those at the ends."""
 MAX_INSTANTS = 500_000

@@ -13,9 +13,15 @@ from planfit.geometry import se3
 from planfit.priors import FRAME_RATE_HZ, STEP_AT_VIDEO_RATE_M
 from planfit.scan.formats import whole_files
 from planfit.scan.images.lens import Lens
-from planfit.scan.laser.cloud import CHUNK_POINTS, ClockRelation, CloudFile, relate_clocks
-from planfit.scan.laser.faces import MIN_FACE_POINTS, Faces, choose_faces, find_up
-from planfit.scan.laser.instants import Instants, cut
+from planfit.scan.laser.cloud import (
+    CHUNK_POINTS,
+    MIN_INSIDE,
+    ClockRelation,
+    CloudFile,
+    relate_clocks,
+)
+from planfit.scan.laser.faces import Faces, choose_faces, find_up
+from planfit.scan.laser.instants import MIN_POINTS, Instants, cut
 from planfit.scan.laser.kernels import move_by_time
 from planfit.scan.laser.trajectory import Columns, Trajectory, clock_unit, in_order, read_trajectory
 from planfit.scan.recording import Frame, Recording, Size, StoredImages
@@ -24,8 +30,6 @@ from planfit.scan.types import ScanOptions
 
 KILOMETRE_M = 1000.0
 """Offsets of the world are whole ones, so that they can be told and added back exactly."""
-MAX_UNUSED_SHARE = 0.1
-"""More points without a pose are worth a warning."""
 
 
 @dataclass(frozen=True)
@@ -238,7 +242,7 @@ def _frames(images: LaserImages) -> list[Frame]:
     for k, time in enumerate(instants.times):
         n_seen = faces.n_seen(instants.points(k), k)
         # Of an instant without a surface in view one frame stays, so that its pose is refined as well.
-        seeing = [f for f, n in enumerate(n_seen) if n >= MIN_FACE_POINTS]
+        seeing = [f for f, n in enumerate(n_seen) if n >= MIN_POINTS]
         for face in seeing or [int(np.argmax(n_seen))]:
             pose = se3.make_transform(faces.cam_from_world(k, face).T, instants.centres[k])
             name = f"{k:06d}" if len(faces.azimuths) == 1 else f"{k:06d}_{face}"
@@ -274,7 +278,7 @@ def _warnings(instants: Instants, clock: ClockRelation, trajectory: Trajectory) 
         found.append(
             f"times of the cloud and of its trajectory differ by {clock.offset_s:+.3f} s: {clock.words}"
         )
-    if instants.n_without_pose > MAX_UNUSED_SHARE * instants.n_total:
+    if instants.n_without_pose > (1 - MIN_INSIDE) * instants.n_total:
         found.append(
             f"{instants.n_without_pose / instants.n_total:.0%} of the points were seen at times that the "
             "trajectory does not cover: they take no part, and are moved as the nearest that do"
