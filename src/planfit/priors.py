@@ -336,10 +336,10 @@ EYE_HEIGHT_M = Prior(
 
 # Drawings and files
 
-COORDINATE_MOST = Prior(
+COORDINATE_MOST_M = Prior(
     1e9,
-    "No national grid reaches this far in any unit, and nothing is as far from its origin: such numbers are "
-    "faults of a file.",
+    "No national grid reaches this far, in metres or in any smaller unit: such numbers are faults of a file. "
+    "Chosen here.",
 )
 
 PAPER_WIDTH_MOST_M = Prior(

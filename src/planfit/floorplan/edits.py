@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 
 from planfit.errors import FloorplanError, OptionError
-from planfit.floorplan.faces import line_strings
+from planfit.floorplan.faces import Ends, line_strings
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.line_work import ends_of
 from planfit.geometry import segments
@@ -175,7 +175,7 @@ def faces_at(
     return np.array(found, dtype=int)
 
 
-def _ends(values: object) -> Float[np.ndarray, "n 2 2"]:
+def _ends(values: object) -> Ends:
     ends = np.array(values, dtype=float)
     ends = ends.reshape(0, 2, 2) if ends.size == 0 else ends
     if ends.ndim != 3 or ends.shape[1:] != (2, 2) or len(ends) > MAX_ENTRIES:
@@ -194,7 +194,7 @@ def _region(values: object) -> Float[np.ndarray, "k 2"]:
     return corners
 
 
-def _taken(floorplan: Floorplan, of: np.ndarray, ends: Float[np.ndarray, "n 2 2"]) -> Floorplan:
+def _taken(floorplan: Floorplan, of: np.ndarray, ends: Ends) -> Floorplan:
     """Parts of faces: `ends` of each, and the face it is of."""
     if len(ends) == 0:
         raise FloorplanError(
@@ -213,7 +213,7 @@ def _within(floorplan: Floorplan, region: BaseGeometry) -> Floorplan:
 
 
 def _clipped(
-    ends: Float[np.ndarray, "n 2 2"], region: BaseGeometry, least: float
+    ends: Ends, region: BaseGeometry, least: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], np.ndarray]:
     if len(ends) == 0:
         return ends, np.zeros(0, dtype=int)

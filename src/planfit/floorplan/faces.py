@@ -22,6 +22,8 @@ from planfit.errors import FloorplanError
 from planfit.geometry import segments
 from planfit.priors import WALL_FACES_APART_M
 
+Ends = Float[np.ndarray, "n 2 2"]
+"""The two ends of each of some segments."""
 PARALLEL_SINE = float(np.sin(np.deg2rad(2.0)))
 """Lines of a drawing that differ by less are parallel."""
 _PARALLEL_SINE = np.sin(np.deg2rad(5.0))
@@ -78,13 +80,13 @@ class Partners(Rows):
     """Where it ends."""
 
 
-def line_strings(ends: Float[np.ndarray, "n 2 2"]) -> Shaped[np.ndarray, " n"]:
+def line_strings(ends: Ends) -> Shaped[np.ndarray, " n"]:
     """Segments as shapely's line strings."""
     return np.asarray(shapely.linestrings(ends), dtype=object)
 
 
 def find_partners(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     max_gap: float,
     min_gap: float,
     min_overlap: float,
@@ -106,7 +108,7 @@ def find_partners(
 
 
 def _those_beside(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     line: Int[np.ndarray, " q"],
     partner: Int[np.ndarray, " q"],
     max_gap: float,
@@ -134,7 +136,7 @@ def _those_beside(
 
 
 def orient_faces(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     max_thickness_m: float = WALL_FACES_APART_M.high,
     min_thickness_m: float = WALL_FACES_APART_M.low,
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
@@ -196,7 +198,7 @@ def _covered_lengths(line, low, high, n):  # pragma: no cover - compiled; has a 
     return total
 
 
-def usual_gap(ends: Float[np.ndarray, "n 2 2"], max_gap: float) -> float:
+def usual_gap(ends: Ends, max_gap: float) -> float:
     """Gap between a line and its nearest parallel neighbour, of the median length of line; infinite
     where most have none within `max_gap`. Says how thick walls are in a plan of unknown scale."""
     length = segments.lengths(ends)
@@ -212,7 +214,7 @@ def weighted_median(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, 
     return float(values[order][np.searchsorted(reached, reached[-1] / 2)])
 
 
-def first_of_each(ends: Float[np.ndarray, "n 2 2"]) -> Int[np.ndarray, " m"]:
+def first_of_each(ends: Ends) -> Int[np.ndarray, " m"]:
     """Indices, ascending, of segments without those that repeat one before, in either direction."""
     low_first = np.array([sorted(pair) for pair in ends.tolist()]).reshape(-1, 4)
     _, first = np.unique(low_first, axis=0, return_index=True)
@@ -270,7 +272,7 @@ def at_most(
 
 
 def possible_partners(
-    ends: Float[np.ndarray, "n 2 2"], max_gap: float, parallel_sine: float
+    ends: Ends, max_gap: float, parallel_sine: float
 ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
     """Pairs of (line, other), in blocks, among them all that are parallel by `parallel_sine` and come within
     `max_gap` of one another, each once from either line, and lines with themselves.
@@ -302,7 +304,7 @@ def possible_partners(
             yield own[query], near[found]
 
 
-def check_crossings(ends: Float[np.ndarray, "n 2 2"]) -> None:
+def check_crossings(ends: Ends) -> None:
     """Refuse line work that no overlay gets through in a reasonable time.
 
     Raises:
@@ -317,7 +319,7 @@ def check_crossings(ends: Float[np.ndarray, "n 2 2"]) -> None:
         pass
 
 
-def groups_within(ends: Float[np.ndarray, "n 2 2"], distance: float) -> Int[np.ndarray, " n"]:
+def groups_within(ends: Ends, distance: float) -> Int[np.ndarray, " n"]:
     """Group of each line, from 0: those of one are chained by gaps of at most `distance`."""
     if len(ends) == 0:
         return np.zeros(0, dtype=int)

@@ -7,7 +7,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.faces import connected_groups, line_strings
+from planfit.floorplan.faces import Ends, connected_groups, line_strings
 from planfit.floorplan.types import Floorplan
 from planfit.geometry import segments
 from planfit.priors import DRAWING_ROUNDING_M, WALL_FACES_APART_M
@@ -50,7 +50,7 @@ class Gap:
 
 
 def gaps_in_line(
-    ends: Float[np.ndarray, "n 2 2"], widths: tuple[float, float]
+    ends: Ends, widths: tuple[float, float]
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Pairs of faces in one line of which the second goes on where the first stopped: (before, after).
 
@@ -200,9 +200,7 @@ def _is_clear(gap: Gap, floorplan: Floorplan) -> bool:
 
 
 def find_openings(
-    ends: Float[np.ndarray, "n 2 2"],
-    normals: Float[np.ndarray, "n 2"],
-    thickness: Float[np.ndarray, " n"],
+    ends: Ends, normals: Float[np.ndarray, "n 2"], thickness: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "k 2 2"]:
     """Openings along the faces they interrupt, one on each face of the wall.
 
@@ -236,9 +234,7 @@ def find_openings(
 
 
 def _those_near(
-    ends: Float[np.ndarray, "n 2 2"],
-    asked: Float[np.ndarray, "m 2 2"],
-    margin: Float[np.ndarray, " m"],
+    ends: Ends, asked: Float[np.ndarray, "m 2 2"], margin: Float[np.ndarray, " m"]
 ) -> list[Int[np.ndarray, " k"]]:
     """For each segment asked about, which segments have a box that its own, grown by a margin, meets: to look
     at all for each takes minutes where a picture has ten thousand."""
@@ -250,9 +246,7 @@ def _those_near(
 
 
 def _gaps_px(
-    ends: Float[np.ndarray, "n 2 2"],
-    normals: Float[np.ndarray, "n 2"],
-    thickness: Float[np.ndarray, " n"],
+    ends: Ends, normals: Float[np.ndarray, "n 2"], thickness: Float[np.ndarray, " n"]
 ) -> list[tuple[Float[np.ndarray, "2 2"], Float[np.ndarray, "2"], float]]:
     """Gaps between faces of one line: ends, normal, thickness of the wall."""
     lengths = segments.lengths(ends)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 from shapely.geometry.base import BaseGeometry
 
+from planfit.floorplan.faces import Ends
 from planfit.floorplan.plans_on_sheet import MOST_STOREYS
 from planfit.floorplan.vector.arcs import nearest_circle
 from planfit.geometry import segments
@@ -59,7 +60,7 @@ def closed_words(shares: Float[np.ndarray, " k"]) -> str:
     )
 
 
-def sketch_words(ends: Float[np.ndarray, "n 2 2"]) -> str:
+def sketch_words(ends: Ends) -> str:
     """A doubt where faces look like the lines of a sketch by hand, else empty.
 
     `ends`: faces, in units of which a drawing is some 1000 wide (px).
@@ -74,7 +75,7 @@ def sketch_words(ends: Float[np.ndarray, "n 2 2"]) -> str:
     return f"{what}: faces of a sketch by hand are no more exact than its lines; {COMPARE}"
 
 
-def kinked_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
+def kinked_share(ends: Ends) -> float:
     """Share of faces, px, where another one begins that turns a little, but for round walls."""
     after, goes_on, turn_deg = _next_faces(ends)
     is_kink = goes_on & (np.abs(turn_deg) > _KINK_DEG[0]) & (np.abs(turn_deg) < _KINK_DEG[1])
@@ -82,7 +83,7 @@ def kinked_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
 
 
 def _next_faces(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
 ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Of each face the one that begins nearest to its end, whether that is there, and by how much it turns to
     the left, in degrees."""
@@ -92,7 +93,7 @@ def _next_faces(
     return after, (apart < _CURVE_PX) & (after != np.arange(len(ends))), np.rad2deg(turn)
 
 
-def are_round(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, " n"]:
+def are_round(ends: Ends) -> Bool[np.ndarray, " n"]:
     """Which faces, px, are of round walls: rows of them along one circle."""
     n = len(ends)
     result = np.zeros(n, dtype=bool)
@@ -111,7 +112,7 @@ def are_round(ends: Float[np.ndarray, "n 2 2"]) -> Bool[np.ndarray, " n"]:
     return result
 
 
-def aligned_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
+def aligned_share(ends: Ends) -> float:
     """Share of the length of segments along the two most frequent directions and across them, or of round
     walls."""
     along = ends[:, 1] - ends[:, 0]
@@ -127,7 +128,7 @@ def aligned_share(ends: Float[np.ndarray, "n 2 2"]) -> float:
 
 
 def find_doubts(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     openings: Float[np.ndarray, "k 2 2"],
     walls: tuple[shapely.Polygon, ...],
     n_groups: int,

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
 from planfit.errors import FloorplanError
-from planfit.floorplan.faces import first_of_each, orient_faces, usual_gap
+from planfit.floorplan.faces import Ends, first_of_each, orient_faces, usual_gap
 from planfit.geometry import segments
 from planfit.runtime import short_html, short_repr
 
@@ -102,7 +102,7 @@ class Floorplan:
 
     name: str
     """Where it was read from, for messages."""
-    ends: Float[np.ndarray, "n 2 2"]
+    ends: Ends
     """The two ends of each face, m; never one place."""
     normals: Float[np.ndarray, "n 2"]
     """Unit normals, towards the free side where `is_oriented`."""
@@ -125,7 +125,7 @@ class Floorplan:
     before_line: Float[np.ndarray, " n"] | None = None
     """How far before the line of its wall each face was put, where walls are drawn by their centre lines; 0
     of faces as drawn. None: all are as drawn."""
-    drawn: Float[np.ndarray, "n 2 2"] | None = None
+    drawn: Ends | None = None
     """Ends of the face of the file that each was made of, where lines were given both faces: two of one line
     have the same. None: all are as drawn."""
 
@@ -252,7 +252,7 @@ class Floorplan:
         return segments.lengths(self.ends)
 
     @property
-    def ends_free_left(self) -> Float[np.ndarray, "n 2 2"]:
+    def ends_free_left(self) -> Ends:
         """The ends so that the free side is on the left of the way from the first to the second."""
         is_turned = np.einsum("ni,ni->n", segments.left_normals(self.ends), self.normals) < 0
         return np.where(is_turned[:, None, None], self.ends[:, ::-1], self.ends)
@@ -324,7 +324,7 @@ class Floorplan:
         return replace(self, source=source)
 
     @property
-    def drawn_ends(self) -> Float[np.ndarray, "n 2 2"]:
+    def drawn_ends(self) -> Ends:
         """Of each face, the face of the file that it was made of, by which users of the file know it."""
         return self.ends if self.drawn is None else self.drawn
 
@@ -343,7 +343,7 @@ _OF_FACES = (
 
 def _checked_segments(
     name: str, ends: ArrayLike, normals: ArrayLike | None
-) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, "n 2"] | None]:
+) -> tuple[Ends, Float[np.ndarray, "n 2"] | None]:
     """Arrays of numbers of the right shapes."""
     try:
         ends = np.array(ends, dtype=float)
@@ -369,7 +369,7 @@ def _checked_segments(
 
 
 def _given_sides(
-    name: str, ends: Float[np.ndarray, "n 2 2"], given: Float[np.ndarray, "n 2"]
+    name: str, ends: Ends, given: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
     """Unit normals on the side of the given ones, and which were given (are not NaN)."""
     left = segments.left_normals(ends)
@@ -389,6 +389,6 @@ def _given_sides(
     return left * np.sign(cosine)[:, None], is_given
 
 
-def _fingerprint(ends: Float[np.ndarray, "n 2 2"], normals: Float[np.ndarray, "n 2"] | None) -> str:
+def _fingerprint(ends: Ends, normals: Float[np.ndarray, "n 2"] | None) -> str:
     content = ends.tobytes() + (b"" if normals is None else normals.tobytes())
     return hashlib.sha256(content).hexdigest()[:16]

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from planfit.errors import ScanError
 from planfit.geometry.calibration import PARAMETERS, SensorCalibration
 from planfit.geometry.camera import Camera
-from planfit.priors import COORDINATE_MOST
+from planfit.priors import COORDINATE_MOST_M
 from planfit.runtime import write_whole
 from planfit.scan.formats.colmap_model import MODELS, camera_of_words
 from planfit.scan.images.lens import Lens, make_camera, matrix_intrinsics
@@ -333,7 +333,7 @@ def _numbers(
             )
         value = values[name]
         is_number = isinstance(value, int | float) and not isinstance(value, bool)
-        if not is_number or not abs(value) < COORDINATE_MOST.value:
+        if not is_number or not abs(value) < COORDINATE_MOST_M.value:
             raise ScanError(
                 f"{path}: {table}.{name}: expected a number, found {value!r}; make the calibration again"
             )

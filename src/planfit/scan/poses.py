@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import ScanError
 from planfit.geometry import se3
-from planfit.priors import COORDINATE_MOST
+from planfit.priors import COORDINATE_MOST_M
 from planfit.scan.source import FileSource
 from planfit.scan.tables import number_table, read_matrix
 
@@ -23,7 +23,7 @@ UP_Z = np.array([0.0, 0.0, 1.0])
 
 ROUNDING = 1e-6
 """Entries of poses that differ by less from 0 or 1 are those: files keep 6 digits or more."""
-MAX_ENTRY = COORDINATE_MOST.value
+MAX_ENTRY = COORDINATE_MOST_M.value
 
 BETWEEN_POSES_S = 0.12
 """Poses so far apart tell those between: of a tracker at 10 Hz whose clock is not steady. Of who slows down

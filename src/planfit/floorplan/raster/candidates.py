@@ -6,7 +6,6 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
 
 from planfit.floorplan.raster.cells import fill_hatching, find_wall_cells
 from planfit.floorplan.raster.line_work import (
@@ -16,7 +15,7 @@ from planfit.floorplan.raster.line_work import (
     find_line_work,
     opened,
 )
-from planfit.floorplan.raster.picture import DARK
+from planfit.floorplan.raster.picture import DARK, Darkness, Mask
 from planfit.floorplan.raster.stroke_widths import WallWidth, least_wall_width
 
 Edge = Literal["edge", "stroke", "mask"]
@@ -62,7 +61,7 @@ class Candidate:
     """A mask of what may be wall, drawn in one style."""
 
     style: WallStyle
-    mask: UInt8[np.ndarray, "h w"]
+    mask: Mask
     """1 where there is wall."""
     edge: Edge
     """What a face lies on: the edge of a tone, the middle of an outline's stroke, the mask's own edge."""
@@ -72,7 +71,7 @@ class Candidate:
     """From the mask's edge to the face."""
     least_px: float
     """Walls are no thinner."""
-    bars: UInt8[np.ndarray, "h w"] | None = None
+    bars: Mask | None = None
     """1 inside walls so thin that their two lines touch; None where there are none."""
     unsure_px: float = 0.0
     """Thickness of strokes that may be walls or a pen's; 0 where all is sure."""
@@ -80,7 +79,7 @@ class Candidate:
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
 
 
-def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
+def find_candidates(darkness: Darkness) -> list[Candidate]:
     """Candidates as solid walls (black, and each grey tone), as hatched walls, as double lines."""
     lines = (darkness > DARK).astype(np.uint8)
     extent = find_extent(darkness)
@@ -103,7 +102,7 @@ def find_candidates(darkness: Float[np.ndarray, "h w"]) -> list[Candidate]:
     return result
 
 
-def find_extent(darkness: Float[np.ndarray, "h w"]) -> float:
+def find_extent(darkness: Darkness) -> float:
     """Larger side (px) of what is drawn; 0 where there is nothing."""
     is_dark = darkness > DARK
     rows, columns = np.flatnonzero(is_dark.any(axis=1)), np.flatnonzero(is_dark.any(axis=0))
@@ -112,7 +111,7 @@ def find_extent(darkness: Float[np.ndarray, "h w"]) -> float:
     return float(max(np.ptp(rows), np.ptp(columns)) + 1)
 
 
-def are_patchy(darkness: Float[np.ndarray, "h w"]) -> bool:
+def are_patchy(darkness: Darkness) -> bool:
     """Whether much of what is as broad as walls has nearly the darkness that parts black from paler: grey
     walls, which are black in patches where a JPEG made them uneven."""
     broad = opened((darkness > DARK).astype(np.uint8), _BROAD_PX) > 0
@@ -120,7 +119,7 @@ def are_patchy(darkness: Float[np.ndarray, "h w"]) -> bool:
     return bool((broad & is_near).sum() > _PATCHY * max(int(broad.sum()), 1))
 
 
-def _black(darkness: Float[np.ndarray, "h w"], extent: float) -> list[Candidate]:
+def _black(darkness: Darkness, extent: float) -> list[Candidate]:
     ink = (darkness > INK).astype(np.uint8)
     width = least_wall_width(ink, extent)
     if width.least_px == 0 or are_patchy(darkness):
@@ -128,14 +127,12 @@ def _black(darkness: Float[np.ndarray, "h w"], extent: float) -> list[Candidate]
     return [_solid(WallStyle.BLACK, ink, INK, width)]
 
 
-def _solid(
-    style: WallStyle, strokes: UInt8[np.ndarray, "h w"], level: float, width: WallWidth
-) -> Candidate:
+def _solid(style: WallStyle, strokes: Mask, level: float, width: WallWidth) -> Candidate:
     mask, least = opened(strokes, width.least_px), float(width.least_px)
     return Candidate(style, mask, "edge", level, 0.0, least, unsure_px=width.unsure_px)
 
 
-def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> list[Candidate]:
+def _grey(darkness: Darkness, line_px: float, extent: float) -> list[Candidate]:
     """One for each tone that covers enough of the picture evenly."""
     smooth = cv2.blur(darkness, (3, 3))
     flat = (
@@ -181,9 +178,7 @@ def _grey(darkness: Float[np.ndarray, "h w"], line_px: float, extent: float) -> 
     return result
 
 
-def _inside_outlines(
-    darkness: Float[np.ndarray, "h w"], tone: float, fill: UInt8[np.ndarray, "h w"], line_px: float
-) -> UInt8[np.ndarray, "h w"]:
+def _inside_outlines(darkness: Darkness, tone: float, fill: Mask, line_px: float) -> Mask:
     """Mask of a tone up to where the strokes around it begin, without what only passes through
     the tone: the rims of letters and lines.
 
@@ -198,9 +193,7 @@ def _inside_outlines(
     return opened(closed(inner, int(line_px) + 2), 3)  # texts and lines across are filled
 
 
-def _hatched(
-    lines: UInt8[np.ndarray, "h w"], line_work: LineWork, extent: float
-) -> list[Candidate]:
+def _hatched(lines: Mask, line_work: LineWork, extent: float) -> list[Candidate]:
     """Walls that become solid when gaps as wide as those of the hatching are filled."""
     empty = line_work.empty_strips(lines)
     result, size = [], 3

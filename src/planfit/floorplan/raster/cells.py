@@ -9,10 +9,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.elements import ELONGATED
 from planfit.floorplan.raster.line_work import LineWork, closed, of_labels, opened
+from planfit.floorplan.raster.picture import Mask
 
 _FATTEST = 1 / 14
 """Walls are thinner than this share of the drawing."""
@@ -30,7 +31,7 @@ _SHARES = np.array([0.5, 0.9])
 class _Hatching:
     """Walls found by filling gaps."""
 
-    mask: UInt8[np.ndarray, "h w"]
+    mask: Mask
     """1 where there is wall."""
     share: float
     """Of the inside of the mask, what oblique lines cover as evenly as hatching does."""
@@ -52,9 +53,7 @@ class _Cells:
     """At the thickest place: diameter of the largest circle inside."""
 
 
-def find_wall_cells(
-    lines: UInt8[np.ndarray, "h w"], line_px: float, extent_px: float
-) -> UInt8[np.ndarray, "h w"]:
+def find_wall_cells(lines: Mask, line_px: float, extent_px: float) -> Mask:
     """Mask of the paper inside the outlines of walls; 0 everywhere where there is none.
 
     Args:
@@ -135,11 +134,7 @@ def _is_small_ring(labels: Int[np.ndarray, "h w"], cells: _Cells, i: int, small_
 
 
 def fill_hatching(
-    lines: UInt8[np.ndarray, "h w"],
-    line_work: LineWork,
-    empty: UInt8[np.ndarray, "h w"],
-    size: int,
-    least: int,
+    lines: Mask, line_work: LineWork, empty: Mask, size: int, least: int
 ) -> _Hatching:
     """Fill gaps narrower than `size` px and keep what is then at least `least` px thick.
 
@@ -169,9 +164,7 @@ def fill_hatching(
     )
 
 
-def _hatched_share(
-    mask: UInt8[np.ndarray, "h w"], oblique: UInt8[np.ndarray, "h w"], size: int, line_px: float
-) -> float:
+def _hatched_share(mask: Mask, oblique: Mask, size: int, line_px: float) -> float:
     """Share of the inside of a mask that oblique lines cover evenly, at distances up to `size` px."""
     inside = cv2.erode(mask, np.ones((2 * round(line_px) + 1,) * 2, np.uint8)) > 0
     if not inside.any():
@@ -180,11 +173,7 @@ def _hatched_share(
     return float(((density > 0.08) & (density < 0.8)).mean())
 
 
-def _hatched_cells(
-    filled: UInt8[np.ndarray, "h w"],
-    lines: UInt8[np.ndarray, "h w"],
-    oblique: UInt8[np.ndarray, "h w"],
-) -> UInt8[np.ndarray, "h w"]:
+def _hatched_cells(filled: Mask, lines: Mask, oblique: Mask) -> Mask:
     """Filled gaps whose rim is hatching: those of windows and beside furniture have lines along the axes."""
     gaps = (filled & (1 - lines)).astype(np.uint8)
     count, labels = cv2.connectedComponents(gaps, connectivity=4)
@@ -194,9 +183,7 @@ def _hatched_cells(
     return of_labels(labels, n_hatched >= 0.25 * n_rim)
 
 
-def _outlined_alike(
-    mask: UInt8[np.ndarray, "h w"], line_work: LineWork
-) -> UInt8[np.ndarray, "h w"]:
+def _outlined_alike(mask: Mask, line_work: LineWork) -> Mask:
     """Where most walls have lines along their faces, all have: words, which close up too, have none."""
     count, labels = cv2.connectedComponents(mask, connectivity=4)
     rim = mask & (1 - cv2.erode(mask, np.ones((3, 3), np.uint8)))
@@ -206,4 +193,4 @@ def _outlined_alike(
     share = np.bincount(labels[(rim > 0) & (lined > 0)], minlength=count) / np.maximum(n_rim, 1)
     if n_rim[share > 0.75].sum() < 0.6 * n_rim.sum():
         return mask
-    return of_labels(labels, share > 0.5)
+    return of_labels(labels, share > 0.6)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Shaped, UInt8
+from jaxtyping import Bool, Float, Shaped
 from scipy.spatial import cKDTree
 from shapely import affinity
 from shapely.geometry.base import BaseGeometry
@@ -40,7 +40,7 @@ from planfit.floorplan.raster.interpretation import (
     worth_of_walls,
 )
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.picture import DARK
+from planfit.floorplan.raster.picture import DARK, Mask
 from planfit.floorplan.raster.stroke_widths import least_wall_width
 from planfit.floorplan.raster.trace import straight_lengths, trace_regions
 from planfit.floorplan.vector.regions import faces_of_regions
@@ -75,9 +75,7 @@ _MOST_STYLES = 3
 """In one drawing."""
 
 
-def choose(
-    candidates: list[Candidate], extent_px: float, ink: UInt8[np.ndarray, "h w"]
-) -> Interpretation | None:
+def choose(candidates: list[Candidate], extent_px: float, ink: Mask) -> Interpretation | None:
     """The best interpretation; None where there is no candidate.
 
     One that leaves most of the ink to furniture and words is taken only where no other has walls: a few
@@ -182,7 +180,7 @@ def find_walls_alone(
 
 
 def or_lines_alone(
-    chosen: Interpretation | None, ink: UInt8[np.ndarray, "h w"], full: Float[np.ndarray, "a b"]
+    chosen: Interpretation | None, ink: Mask, full: Float[np.ndarray, "a b"]
 ) -> Interpretation | None:
     """An interpretation, or walls drawn by single lines where it leaves most of the ink and they do not.
 
@@ -209,9 +207,7 @@ def or_lines_alone(
     return found if min(shares) > STRAIGHT else chosen
 
 
-def _alone(
-    mask: UInt8[np.ndarray, "h w"], full: Float[np.ndarray, "a b"], unsure_px: float
-) -> Interpretation | None:
+def _alone(mask: Mask, full: Float[np.ndarray, "a b"], unsure_px: float) -> Interpretation | None:
     """All of a mask as walls; None where it is specks."""
     walls, specks = _parted(_finely(mask, full))
     if not walls:
@@ -225,9 +221,7 @@ def _alone(
     return Interpretation(candidate, tuple(walls), tuple(specks), usual, straight * share, share)
 
 
-def _finely(
-    mask: UInt8[np.ndarray, "h w"], darkness: Float[np.ndarray, "a b"]
-) -> list[BaseGeometry]:
+def _finely(mask: Mask, darkness: Float[np.ndarray, "a b"]) -> list[BaseGeometry]:
     """Regions of the full picture where the mask is, in pixels of the mask.
 
     A small picture is enlarged: outlines of walls of 3 px then follow their soft edges.

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.raster.interpretation import Interpretation
 from planfit.floorplan.raster.line_work import opened
-from planfit.floorplan.raster.picture import DARK
+from planfit.floorplan.raster.picture import DARK, Mask
 from planfit.floorplan.types import Floorplan
 from planfit.floorplan.vector.line_work import longest, outlines
 from planfit.geometry import segments
@@ -102,12 +102,12 @@ def with_account(
     return replace(plan, source=source)
 
 
-def ink_share(interpretation: Interpretation, ink: UInt8[np.ndarray, "h w"]) -> float:
+def ink_share(interpretation: Interpretation, ink: Mask) -> float:
     """Share of the ink (1 on everything dark) that lies on walls."""
     return float((ink & _near_walls(interpretation, ink.shape)).sum()) / max(float(ink.sum()), 1.0)
 
 
-def _near_walls(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
+def _near_walls(interpretation: Interpretation, shape: tuple[int, ...]) -> Mask:
     """1 inside the walls, and on the strokes that outline them."""
     near = np.zeros(shape, np.uint8)
     for part in interpretation.parts:
@@ -117,7 +117,7 @@ def _near_walls(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8
     return near
 
 
-def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.ndarray, "h w"]:
+def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> Mask:
     """1 inside the walls of one style."""
     mask = np.zeros(shape, np.uint8)
     for wall in interpretation.walls:
@@ -127,7 +127,7 @@ def _filled(interpretation: Interpretation, shape: tuple[int, ...]) -> UInt8[np.
     return mask
 
 
-def stroke_length(strokes: UInt8[np.ndarray, "h w"]) -> float:
+def stroke_length(strokes: Mask) -> float:
     """Length of strokes of any width up to a dozen pixels, px: area over width, for each width."""
     areas, total, size = float(strokes.sum()), 0.0, 1
     while areas > 0 and size < 12:

@@ -20,7 +20,7 @@ from planfit.geometry import segments
 
 STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
-_ALIKE = 1.5
+_ALIKE = 1.4
 """Walls of one drawing are up to so many times as thick as usual, or as thin."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 
 from planfit.floorplan.elements import ELONGATED
+from planfit.floorplan.raster.picture import Mask
 
 _HATCHED_SHARE = 0.06
 """Hatching covers at least this share of a strip; what crosses an empty strip covers less."""
@@ -16,7 +17,7 @@ LINE_PX = 12
 """Line work along an axis is at least this long; letters and hatching are not."""
 
 
-def opened(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"]:
+def opened(mask: Mask, size: int) -> Mask:
     """Without what is thinner than `size` px."""
     kernel = np.ones((size, size), np.uint8)
     # OpenCV's own opening moves by a pixel where the size is even.
@@ -24,7 +25,7 @@ def opened(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"
     return cv2.dilate(cv2.erode(mask, kernel), kernel, anchor=back)
 
 
-def closed(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"]:
+def closed(mask: Mask, size: int) -> Mask:
     """With gaps thinner than `size` px filled."""
     reach = size + 1  # the border of the picture is no wall
     padded = cv2.copyMakeBorder(mask, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=0)
@@ -34,9 +35,7 @@ def closed(mask: UInt8[np.ndarray, "h w"], size: int) -> UInt8[np.ndarray, "h w"
     return np.ascontiguousarray(padded[reach:-reach, reach:-reach])
 
 
-def of_labels(
-    labels: Int[np.ndarray, "h w"], is_kept: Bool[np.ndarray, " count"]
-) -> UInt8[np.ndarray, "h w"]:
+def of_labels(labels: Int[np.ndarray, "h w"], is_kept: Bool[np.ndarray, " count"]) -> Mask:
     """1 on the connected parts of a picture that are kept, by their labels; 0 is what is no part."""
     kept = is_kept.astype(np.uint8)
     kept[0] = 0
@@ -47,7 +46,7 @@ def of_labels(
 class LineWork:
     """Lines along rows and along columns, and the gaps between them."""
 
-    along: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]
+    along: tuple[Mask, Mask]
     """Lines along rows, lines along columns: (h, w) uint8, 1 on a line."""
     strips: tuple[Int[np.ndarray, "h w"], Int[np.ndarray, "h w"]]
     """Strips between lines along rows, along columns: (h, w) int16, width of the strip at each of its pixels,
@@ -55,7 +54,7 @@ class LineWork:
     line_px: float
     """Usual width of a line."""
 
-    def empty_strips(self, lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+    def empty_strips(self, lines: Mask) -> Mask:
         """(h, w) uint8, 1 in strips that nothing is drawn in, as hatching would be.
 
         `lines`: everything dark.
@@ -70,7 +69,7 @@ class LineWork:
         return result
 
 
-def find_line_work(lines: UInt8[np.ndarray, "h w"], widest: int) -> LineWork:
+def find_line_work(lines: Mask, widest: int) -> LineWork:
     """Lines in a mask of everything dark, and strips between them up to `widest` px wide."""
     turned = np.ascontiguousarray(lines.T)
     along_rows, along_columns = _along_rows(lines), _along_rows(turned)
@@ -86,7 +85,7 @@ def find_line_work(lines: UInt8[np.ndarray, "h w"], widest: int) -> LineWork:
     )
 
 
-def _along_rows(lines: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+def _along_rows(lines: Mask) -> Mask:
     """What of a mask belongs to lines along rows, up to a slant of some degrees."""
     thick = cv2.dilate(lines, np.ones((3, 1), np.uint8))
     long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, LINE_PX), np.uint8))
@@ -106,7 +105,7 @@ def _usual_width(*along: UInt8[np.ndarray, "_ _"]) -> float:
     return float(max(np.argmax(length), 1))
 
 
-def _gap_across(lines: UInt8[np.ndarray, "h w"]) -> Int[np.ndarray, "h w"]:
+def _gap_across(lines: Mask) -> Int[np.ndarray, "h w"]:
     """At each empty pixel, the count of empty pixels between the line above and the line below; 0 on lines
     and where there is no line on one side. int16."""
     h = len(lines)
@@ -134,9 +133,7 @@ def _strips(gap: Int[np.ndarray, "h w"], widest: int) -> Int[np.ndarray, "h w"]:
     return np.where(found > 0, gap, np.int16(0))
 
 
-def between_lines(
-    line_work: LineWork, bars: UInt8[np.ndarray, "h w"]
-) -> list[tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]]]:
+def between_lines(line_work: LineWork, bars: Mask) -> list[tuple[Mask, Mask]]:
     """The inside of walls drawn as two lines, for each likely range of thickness; empty where there is none.
 
     `line_work`: lines and the strips between them; `bars`: 1 inside bars as thick as two lines.
@@ -199,9 +196,7 @@ class _Strips:
     below: Int[np.ndarray, " n"]
 
     @classmethod
-    def between(
-        cls, strip: Int[np.ndarray, "h w"], lines: UInt8[np.ndarray, "h w"], thickest: int
-    ) -> "_Strips":
+    def between(cls, strip: Int[np.ndarray, "h w"], lines: Mask, thickest: int) -> "_Strips":
         row, column = np.nonzero(strip)
         beside = []
         for flip in (False, True):
@@ -217,7 +212,7 @@ class _Strips:
             beside.append(np.where(line - beyond <= thickest, width[beyond, column], 0))
         return cls(strip.shape, row, column, strip[row, column], beside[0], beside[1])
 
-    def walls(self, least: float, limit: float, usual: float) -> UInt8[np.ndarray, "h w"]:
+    def walls(self, least: float, limit: float, usual: float) -> Mask:
         """(h, w) uint8: strips of a range of widths, without those stacked like stairs and windows."""
         n_alike = np.zeros(len(self.width), dtype=int)
         for other in (self.above, self.below):
@@ -231,9 +226,7 @@ class _Strips:
         return cv2.morphologyEx(bridged, cv2.MORPH_OPEN, np.ones((1, LINE_PX), np.uint8))
 
 
-def _junctions(
-    along_rows: UInt8[np.ndarray, "h w"], along_columns: UInt8[np.ndarray, "h w"], limit: int
-) -> UInt8[np.ndarray, "h w"]:
+def _junctions(along_rows: Mask, along_columns: Mask, limit: int) -> Mask:
     """Where walls meet: strips lengthened by a wall's thickness cross there, and nowhere else."""
     reach = 2 * int(1.5 * limit + 4) + 1
     rows = cv2.dilate(along_rows, np.ones((1, reach), np.uint8))
@@ -241,9 +234,7 @@ def _junctions(
     return np.asarray(rows & columns)  # type: ignore[operator]
 
 
-def _grown(
-    seeds: UInt8[np.ndarray, "h w"], narrow: UInt8[np.ndarray, "h w"], limit: int, usual: int
-) -> UInt8[np.ndarray, "h w"]:
+def _grown(seeds: Mask, narrow: Mask, limit: int, usual: int) -> Mask:
     """Strips with the corners and the short strips that hang on to them; slits are left out."""
     near = np.asarray(cv2.dilate(seeds, np.ones((2 * limit + 1, 2 * limit + 1), np.uint8)))
     touching = cv2.dilate(seeds, np.ones((3, 3), np.uint8))
@@ -270,7 +261,7 @@ class _Bars:
     """Pixels beside each."""
 
     @classmethod
-    def find(cls, bars: UInt8[np.ndarray, "h w"], line_px: float) -> "_Bars":
+    def find(cls, bars: Mask, line_px: float) -> "_Bars":
         count, labels = cv2.connectedComponents(bars, connectivity=8)
         reach = 2 * int(line_px + 2) + 1
         around = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach))).astype(np.int32)
@@ -279,7 +270,7 @@ class _Bars:
         n_bar = np.bincount(labels.ravel()[near], minlength=count)
         return cls(labels, near, bar, np.bincount(bar, minlength=count) - n_bar)
 
-    def free(self, narrow: UInt8[np.ndarray, "h w"]) -> UInt8[np.ndarray, "h w"]:
+    def free(self, narrow: Mask) -> Mask:
         """(h, w) uint8: bars with free space at their sides; those in a narrow gap are lines of windows."""
         n_narrow = np.bincount(self.bar, narrow.ravel()[self.near], minlength=len(self.n_beside))
         return of_labels(self.labels, n_narrow < 0.4 * self.n_beside)

@@ -8,6 +8,10 @@ from jaxtyping import Bool, Float, Shaped, UInt8
 
 from planfit.errors import FloorplanError
 
+Mask = UInt8[np.ndarray, "h w"]
+"""1 on what it is of, else 0."""
+Darkness = Float[np.ndarray, "h w"]
+"""Of a picture: 0 for paper, 1 for black."""
 MAX_SIDE_PX, MAX_PIXELS = 65_000, 178_000_000
 """Larger files are refused before they are unpacked; 178 million pixels is Pillow's own limit, and A0 at
 300 dpi has 140."""
@@ -42,7 +46,7 @@ _PAD = 0.02
 class Upright:
     """A plan as darkness, turned so that most of its lines run along rows and columns."""
 
-    darkness: Float[np.ndarray, "h w"]
+    darkness: Darkness
     """0 for paper, 1 for black."""
     upright_from_picture: Float[np.ndarray, "2 3"]
     """From pixels of the picture to those of `darkness`; a rotation and a translation."""
@@ -75,7 +79,7 @@ def shrink_for_reading(width: int, height: int) -> int:
 
 def make_darkness(
     image_bgr: UInt8[np.ndarray, "h w 3"], name: str, must_be_drawing: bool = True
-) -> Float[np.ndarray, "h w"]:
+) -> Darkness:
     """Darkness, float32, over the paper around each place: even under uneven light.
 
     `must_be_drawing`: refuse what is no drawing.
@@ -103,7 +107,7 @@ def make_darkness(
     return darkness
 
 
-def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def _over_paper(grey: Mask) -> Darkness:
     """1 - brightness / brightness of the paper, which is the brightest around, smoothed."""
     h, w = grey.shape
     shrink = max(1.0, max(h, w) / 320)
@@ -121,7 +125,7 @@ def _over_paper(grey: UInt8[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
     return np.clip(darkness, 0.0, 1.0, out=darkness)
 
 
-def make_upright(darkness: Float[np.ndarray, "h w"]) -> Upright:
+def make_upright(darkness: Darkness) -> Upright:
     """Turn the picture so that its main direction runs along rows and columns."""
     skew_deg = find_skew_deg(darkness)
     if abs(skew_deg) < 0.1:
@@ -144,7 +148,7 @@ def _turned_back(
     return cv2.warpAffine(values, matrix, (int(size[0]), int(size[1])), flags=interpolation), matrix
 
 
-def rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndarray, "a b"]:
+def rotated(values: Darkness, upright: Upright) -> Float[np.ndarray, "a b"]:
     """A picture rotated as the upright one was."""
     if upright.skew_deg == 0.0:
         return values
@@ -152,7 +156,7 @@ def rotated(values: Float[np.ndarray, "h w"], upright: Upright) -> Float[np.ndar
     return cv2.warpAffine(values, upright.upright_from_picture, (w, h), flags=cv2.INTER_LINEAR)
 
 
-def find_skew_deg(darkness: Float[np.ndarray, "h w"]) -> float:
+def find_skew_deg(darkness: Darkness) -> float:
     """Angle in (-45, 45] that most long lines make with the axes, counter-clockwise as seen."""
     shrink = max(1.0, max(darkness.shape) / 1600)
     small = cv2.resize(darkness, None, fx=1 / shrink, fy=1 / shrink, interpolation=cv2.INTER_AREA)
@@ -177,9 +181,7 @@ def find_skew_deg(darkness: Float[np.ndarray, "h w"]) -> float:
     return float(fine[best])
 
 
-def _window(
-    small: Float[np.ndarray, "h w"], coarse: float
-) -> tuple[list[float], Float[np.ndarray, " k"], int]:
+def _window(small: Darkness, coarse: float) -> tuple[list[float], Float[np.ndarray, " k"], int]:
     """Angles about a coarse one, how sharp the line work is at each, and the number of the sharpest."""
     fine = [float(coarse + step) for step in np.arange(-0.6, 0.61, 0.1)]
     fine += [0.0] * (abs(coarse) < 0.7)
@@ -202,10 +204,7 @@ def _peaks(counts: Float[np.ndarray, "360"]) -> list[float]:
 
 
 def _longest_lines(
-    angles_deg: list[float],
-    strong: Bool[np.ndarray, "h w"],
-    gu: Float[np.ndarray, "h w"],
-    gv: Float[np.ndarray, "h w"],
+    angles_deg: list[float], strong: Bool[np.ndarray, "h w"], gu: Darkness, gv: Darkness
 ) -> float:
     """The angle with the greatest length of long lines: hatching may have more length, all in short lines.
 
@@ -229,14 +228,14 @@ def _longest_lines(
     return angles_deg[int(np.argmax(length))]
 
 
-def _length_along_rows(edges: UInt8[np.ndarray, "h w"], least_px: int) -> float:
+def _length_along_rows(edges: Mask, least_px: int) -> float:
     """Pixels on edges along rows at least so long, up to a slant of a pixel or two over that length."""
     thick = cv2.dilate(np.ascontiguousarray(edges), np.ones((3, 3), np.uint8))
     long = cv2.morphologyEx(thick, cv2.MORPH_OPEN, np.ones((1, least_px), np.uint8))
     return float((long & edges).sum())
 
 
-def _sharpness(small: Float[np.ndarray, "h w"], angle_deg: float) -> float:
+def _sharpness(small: Darkness, angle_deg: float) -> float:
     """How much line work piles up in rows and columns after a rotation back by an angle."""
     h, w = small.shape
     matrix = cv2.getRotationMatrix2D((w / 2, h / 2), -angle_deg, 1.0)
@@ -266,7 +265,7 @@ def drawn_box(image_bgr: UInt8[np.ndarray, "h w 3"]) -> tuple[slice, slice]:
     return slice(max(v0, 0), min(v1, h)), slice(max(u0, 0), min(u1, w))
 
 
-def content_box(darkness: Float[np.ndarray, "h w"]) -> tuple[slice, slice]:
+def content_box(darkness: Darkness) -> tuple[slice, slice]:
     """Rows and columns of what is drawn, with a little paper around.
 
     Nothing that follows then depends on how much paper there is around a drawing.

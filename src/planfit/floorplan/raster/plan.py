@@ -36,6 +36,7 @@ from planfit.floorplan.raster.ink import (
 from planfit.floorplan.raster.interpretation import STRAIGHT, Interpretation, interpret
 from planfit.floorplan.raster.picture import (
     DARK,
+    Darkness,
     Upright,
     check_size,
     content_box,
@@ -148,9 +149,7 @@ def plan_of_picture(
     return plan if metres is None else plan.scaled(metres)
 
 
-def _interpreted(
-    small: Float[np.ndarray, "h w"], upright: Upright
-) -> tuple[Float[np.ndarray, "h w"], Interpretation | None, int]:
+def _interpreted(small: Darkness, upright: Upright) -> tuple[Darkness, Interpretation | None, int]:
     """A picture without frame, bars and text of the sheet, what its dark regions are taken for, and how many
     letters there were."""
     small, n_letters = without_text(without_bars(without_frame(small)))
@@ -257,7 +256,7 @@ def shrink_to_read(side_px: int, may_enlarge: bool) -> float:
     return 1.0
 
 
-def shrunk(values: Float[np.ndarray, "h w"], shrink: float) -> Float[np.ndarray, "a b"]:
+def shrunk(values: Darkness, shrink: float) -> Float[np.ndarray, "a b"]:
     """A picture of one number a pixel, so many times smaller."""
     if shrink == 1.0:
         return values

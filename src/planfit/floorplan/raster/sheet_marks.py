@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from planfit.floorplan.faces import connected_groups
 from planfit.floorplan.plausible import COMPARE
-from planfit.floorplan.raster.picture import DARK
+from planfit.floorplan.raster.picture import DARK, Darkness
 from planfit.geometry import segments
 
 _WIDE, _ALIKE = 0.08, 1.4
@@ -66,7 +66,7 @@ sheet was photographed at a slant: 1.8 to 10 deg and 0.51 to 0.91; of 19 scans a
 
 
 def marks_of(
-    darkness: Float[np.ndarray, "h w"],
+    darkness: Darkness,
 ) -> tuple[
     Int[np.ndarray, "h w"], Int[np.ndarray, "n 5"], Int[np.ndarray, "2"], Int[np.ndarray, "2"]
 ]:
@@ -79,7 +79,7 @@ def marks_of(
     return labels, stats, marks[:, :2].min(axis=0), (marks[:, :2] + marks[:, 2:4]).max(axis=0)
 
 
-def without_bars(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def without_bars(darkness: Darkness) -> Darkness:
     """The picture with bars of titles blanked, dark with white letters along a side of what is drawn; the
     same where there are none."""
     labels, stats, low, high = marks_of(darkness)
@@ -121,7 +121,7 @@ def _has_letters(mask: Bool[np.ndarray, "h w"]) -> bool:
     return int((is_letter & (size[:, 1] < 3 * size[:, 0])).sum()) >= _LETTERS
 
 
-def without_frame(darkness: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+def without_frame(darkness: Darkness) -> Darkness:
     """The picture with the frame blanked, or two frames of which one is in the other; the same where there is
     none."""
     labels, stats, low, high = marks_of(darkness)
@@ -335,7 +335,7 @@ _VARIED = 0.05
 """Variation of the letters' widths and inks, of their means: pieces of wall in a row are alike."""
 
 
-def without_text(darkness: Float[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w"], int]:
+def without_text(darkness: Darkness) -> tuple[Darkness, int]:
     """The picture with lines of text blanked, and how many letters these had."""
     labels, stats, low, high = marks_of(darkness)
     strokes = (labels > 0).astype(np.uint8)

@@ -19,11 +19,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Bool, Float, Int, Shaped, UInt8
+from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import weighted_median
 from planfit.floorplan.raster.line_work import opened
+from planfit.floorplan.raster.picture import Mask
 from planfit.floorplan.raster.trace import profiles, straight_lengths, trace_regions
 from planfit.floorplan.vector.line_work import edges_of_areas
 from planfit.geometry import segments
@@ -112,7 +113,7 @@ class WallWidth:
     """Thickness of strokes that may be walls or a pen's, whatever they are taken for; 0 where all is sure."""
 
 
-def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth:
+def least_wall_width(mask: Mask, extent: float) -> WallWidth:
     """Down to which width the strokes of a mask are walls.
 
     `extent`: larger side of what is drawn, px.
@@ -141,7 +142,7 @@ def least_wall_width(mask: UInt8[np.ndarray, "h w"], extent: float) -> WallWidth
     return WallWidth(math.ceil(best / math.sqrt(2)), is_all, unsure)
 
 
-def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[Kind]:
+def kinds_of_strokes(mask: Mask, extent: float) -> Iterator[Kind]:
     """Kinds of strokes, the thickest first.
 
     `mask`: 1 on strokes; `extent`: larger side of what is drawn, px.
@@ -176,7 +177,7 @@ def kinds_of_strokes(mask: UInt8[np.ndarray, "h w"], extent: float) -> Iterator[
         thicker = whole
 
 
-def _length_by_width(mask: UInt8[np.ndarray, "h w"], largest: int) -> Float[np.ndarray, " widths"]:
+def _length_by_width(mask: Mask, largest: int) -> Float[np.ndarray, " widths"]:
     """Length (largest + 1,) of what is 0, 1, 2 ... px thick in a mask."""
     areas = [float(mask.sum())]
     for size in range(2, largest + 2):
@@ -201,7 +202,7 @@ def _valleys(length: Float[np.ndarray, " widths"]) -> list[int]:
     return [int(gap[np.argmin(np.maximum(length, _DIRT * most)[gap])]) + 1 for gap in gaps]
 
 
-def _touch(regions: Shaped[np.ndarray, " n"], mask: UInt8[np.ndarray, "h w"]) -> np.ndarray:
+def _touch(regions: Shaped[np.ndarray, " n"], mask: Mask) -> np.ndarray:
     """(n,) Whether a corner of each region lies on a mask or 3 px beside."""
     near = np.asarray(cv2.dilate(mask, np.ones((7, 7), np.uint8))) > 0
     corners, of = shapely.get_coordinates(regions, return_index=True)
@@ -211,7 +212,7 @@ def _touch(regions: Shaped[np.ndarray, " n"], mask: UInt8[np.ndarray, "h w"]) ->
     return np.bincount(of[is_near], minlength=len(regions)) > 0
 
 
-def twin_share(mask: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]) -> float:
+def twin_share(mask: Mask, regions: list[BaseGeometry]) -> float:
     """Share of the outline of the thinner half of all strokes that faces a stroke as thin, close by.
 
     Measured: 0.03 to 0.09 in pictures of walls alone (a site with and without windows at two scales, upright
@@ -247,7 +248,7 @@ def twin_share(mask: UInt8[np.ndarray, "h w"], regions: list[BaseGeometry]) -> f
     return float(is_twin[is_thin].mean())
 
 
-def bodies_share(mask: UInt8[np.ndarray, "h w"]) -> float:
+def bodies_share(mask: Mask) -> float:
     """Share of the edges of all that is blank along areas as narrow as the insides of walls beside rooms.
 
     Of walls drawn as two lines, however thick and far apart, it is a half: each line has a room on one side

@@ -7,7 +7,7 @@ import shapely
 from jaxtyping import Bool, Float, Int, Shaped
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import connected_groups, in_blocks, line_strings, weighted_median
+from planfit.floorplan.faces import Ends, connected_groups, in_blocks, line_strings, weighted_median
 from planfit.floorplan.plausible import COMPARE
 from planfit.floorplan.vector.drawing import LIGHT, Fill, is_dark
 from planfit.floorplan.vector.layer_names import Role
@@ -34,7 +34,7 @@ def sort_fills(
     fills: tuple[Fill, ...],
     roles: list[Role],
     extent: float,
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     is_paper_white: bool = True,
 ) -> tuple[list[BaseGeometry], list[BaseGeometry]]:
     """Walls and rooms among fills by what their colour and shape say; specks say nothing, nor do white ones
@@ -85,9 +85,7 @@ def sort_fills(
     return walls, rooms
 
 
-def _have_outlines(
-    polygons: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
-) -> bool:
+def _have_outlines(polygons: list[BaseGeometry], ends: Ends, extent: float) -> bool:
     """Whether lines are drawn all around most of some areas, as around rooms; not around the pieces that a
     program cuts one into."""
     return len(polygons) > 1 and bool(
@@ -96,7 +94,7 @@ def _have_outlines(
 
 
 def without_surroundings(
-    rooms: list[BaseGeometry], ends: Float[np.ndarray, "n 2 2"], extent: float
+    rooms: list[BaseGeometry], ends: Ends, extent: float
 ) -> list[BaseGeometry]:
     """Rooms but for areas along whose edge nothing is drawn, where most have an outline: streets, lawns and
     neighbours' houses.
@@ -112,7 +110,7 @@ def without_surroundings(
 
 
 def drawn_shares(
-    shapes: Shaped[np.ndarray, " k"], ends: Float[np.ndarray, "n 2 2"], extent: float
+    shapes: Shaped[np.ndarray, " k"], ends: Ends, extent: float
 ) -> Float[np.ndarray, " k"]:
     """Share of the outline of each area, or of each line, along which lines are drawn."""
     if len(ends) == 0:
@@ -159,7 +157,7 @@ def _are_arrowheads(parts: Shaped[np.ndarray, " n"], extent: float) -> Bool[np.n
 
 
 def without_paper(
-    fills: tuple[Fill, ...], ends: Float[np.ndarray, "n 2 2"], extent: float
+    fills: tuple[Fill, ...], ends: Ends, extent: float
 ) -> tuple[tuple[Fill, ...], bool]:
     """Fills but for rectangles in which all else lies and along whose edge nothing is drawn, as a page in a
     pale colour is no room; and whether the paper is white."""
@@ -301,10 +299,7 @@ def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
 
 
 def hatched_areas(
-    ends: Float[np.ndarray, "n 2 2"],
-    path: Int[np.ndarray, " n"],
-    is_hatch: Bool[np.ndarray, " n"],
-    extent: float,
+    ends: Ends, path: Int[np.ndarray, " n"], is_hatch: Bool[np.ndarray, " n"], extent: float
 ) -> list[BaseGeometry]:
     """Areas whose outline is a closed path and whose inside is covered by hatch lines.
 
@@ -333,7 +328,7 @@ def hatched_areas(
     return areas
 
 
-def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
+def _covers(hatches: Ends, area: BaseGeometry) -> bool:
     """Whether lines, each as wide as they are apart, cover most of an area: a flight of stairs
     in a room does not."""
     along = hatches[:, 1] - hatches[:, 0]
@@ -351,7 +346,7 @@ def _covers(hatches: Float[np.ndarray, "n 2 2"], area: BaseGeometry) -> bool:
 
 
 def outside_rooms(
-    ends: Float[np.ndarray, "n 2 2"], rooms: list[BaseGeometry], tolerance: float
+    ends: Ends, rooms: list[BaseGeometry], tolerance: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
     """The parts of lines that lie in no room nor along its edge, and the line that each
     is of: what is drawn inside a room is furniture, stairs and text."""

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
+    Ends,
     Partners,
     connected_groups,
     covered_lengths,
@@ -59,7 +60,7 @@ def thickness_bounds(metres_per_unit: float | None, extent: float) -> tuple[floa
 
 
 def estimate_thickness(
-    ends: Float[np.ndarray, "n 2 2"], metres_per_unit: float | None, extent: float
+    ends: Ends, metres_per_unit: float | None, extent: float
 ) -> Thickness | None:
     """Thickness of most of the walls: of the gaps from each line to the nearest beside it, the one in
     the middle of all the length that has one. None where no lines lie side by side."""
@@ -81,7 +82,7 @@ def estimate_thickness(
 
 
 def rows_of_lines(
-    ends: Float[np.ndarray, "n 2 2"], style: Int[np.ndarray, " n"], max_gap: float
+    ends: Ends, style: Int[np.ndarray, " n"], max_gap: float
 ) -> Bool[np.ndarray, " n"]:
     """Which lines belong to a row of six or more alike at equal distance: hatches, treads.
 
@@ -117,7 +118,7 @@ def rows_of_lines(
 
 
 def _families(
-    ends: Float[np.ndarray, "n 2 2"], style: Int[np.ndarray, " n"], is_row: Bool[np.ndarray, " n"]
+    ends: Ends, style: Int[np.ndarray, " n"], is_row: Bool[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
     """Rows, and what else is drawn in the same style and direction where nearly all such lines are in
     rows: the few hatch lines of a small area."""
@@ -130,7 +131,7 @@ def _families(
 
 
 def faces_of_lines(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
     free_side: Int[np.ndarray, " n"],
@@ -175,7 +176,7 @@ def faces_of_lines(
 
 
 def _are_beside_single(
-    ends: Float[np.ndarray, "n 2 2"], near: Partners, is_called: Bool[np.ndarray, " n"]
+    ends: Ends, near: Partners, is_called: Bool[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " p"]:
     """Pairs of a line that is called wall and one that is not, where most lines that are have no other of
     them beside them: walls are drawn as single lines there, and dimension and grid lines run beside them."""
@@ -188,7 +189,7 @@ def _are_beside_single(
 
 
 def _is_free_between(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
+    ends: Ends, pairs: Partners, free_side: Int[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " p"]:
     """Pairs with the free side of one of their lines towards the other: no wall is between them."""
     return (free_side[pairs.line] == np.sign(pairs.gap)) | (
@@ -223,10 +224,7 @@ def _usual_of_certain(
 
 
 def _with_short(
-    ends: Float[np.ndarray, "n 2 2"],
-    pairs: Partners,
-    near: Partners,
-    wall_side: Int[np.ndarray, " n"],
+    ends: Ends, pairs: Partners, near: Partners, wall_side: Int[np.ndarray, " n"]
 ) -> Partners:
     """`pairs` of faces of walls, and of all that are `near` those that lie as deep beside one another for
     less than a wall's thickness: between a corner and the next wall there may be no more."""
@@ -243,7 +241,7 @@ def _with_short(
 
 
 def _standing(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     pairs: Partners,
     thickness: Thickness,
     is_surely_wall: Bool[np.ndarray, " n"],
@@ -279,7 +277,7 @@ def _standing(
 
 
 def _piers(
-    ends: Float[np.ndarray, "n 2 2"],
+    ends: Ends,
     pairs: Partners,
     stands: Bool[np.ndarray, " n"],
     group: Int[np.ndarray, " n"],
@@ -311,10 +309,7 @@ def _piers(
 
 
 def _faces(
-    ends: Float[np.ndarray, "n 2 2"],
-    pairs: Partners,
-    wall_side: Int[np.ndarray, " n"],
-    thickness: Thickness,
+    ends: Ends, pairs: Partners, wall_side: Int[np.ndarray, " n"], thickness: Thickness
 ) -> WallFaces:
     """Cut each line to where its wall is; corners and T-junctions, where a partner ends a wall's
     thickness early, belong to the face."""

@@ -20,9 +20,9 @@ from planfit.floorplan.vector.strokes import (
     body_of_strokes,
     slimness,
 )
-from planfit.priors import COORDINATE_MOST
+from planfit.priors import COORDINATE_MOST_M
 
-ABSURD = COORDINATE_MOST.value
+ABSURD = COORDINATE_MOST_M.value
 
 DARK = 180
 """Of 255, of every colour: walls that are filled are darker, floors are not."""

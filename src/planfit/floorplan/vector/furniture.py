@@ -7,6 +7,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
+    Ends,
     Partners,
     covered_lengths,
     find_partners,
@@ -41,9 +42,7 @@ SAME_SIZE = 0.05
 """Pieces of furniture that differ by less are of one kind, and may stand in a row."""
 
 
-def are_furniture(
-    ends: Float[np.ndarray, "n 2 2"], thickness: Thickness, extent: float
-) -> Bool[np.ndarray, " n"]:
+def are_furniture(ends: Ends, thickness: Thickness, extent: float) -> Bool[np.ndarray, " n"]:
     """Lines of closed outlines that touch nothing else, and have no other faces of walls around them, or room
     around them and none inside.
 
@@ -86,9 +85,7 @@ def are_furniture(
     return result
 
 
-def _looks_out(
-    ends: Float[np.ndarray, "n 2 2"], free_side: Int[np.ndarray, " n"], hull: BaseGeometry
-) -> bool:
+def _looks_out(ends: Ends, free_side: Int[np.ndarray, " n"], hull: BaseGeometry) -> bool:
     """Whether an outline has more room around it than inside: a room has it inside alone."""
     length = segments.lengths(ends)
     step = (1e-3 * np.sqrt(hull.area)) * free_side[:, None] * segments.left_normals(ends)
@@ -105,7 +102,7 @@ class _Alignment:
 
     def __init__(
         self,
-        ends: Float[np.ndarray, "n 2 2"],
+        ends: Ends,
         group: Int[np.ndarray, " n"],
         size: Float[np.ndarray, " g"],
         pairs: Partners,

@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import (
     MAX_PAIRS,
     PARALLEL_SINE,
+    Ends,
     Rows,
     at_most,
     connected_groups,
@@ -111,7 +112,7 @@ class SubPaths:
 
 
 def merge_collinear(
-    ends: Float[np.ndarray, "n 2 2"], tolerance: float
+    ends: Ends, tolerance: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " n"]]:
     """Lines that cover the same ground, and for each of the given ones the one it went into.
 
@@ -136,7 +137,7 @@ def merge_collinear(
 
 
 def _on_one_another(
-    ends: Float[np.ndarray, "n 2 2"], tolerance: float
+    ends: Ends, tolerance: float
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
     """Pairs of (longer, shorter) lines that touch within `tolerance`, the shorter along the other's line."""
     lines, length = line_strings(ends), segments.lengths(ends)
@@ -161,7 +162,7 @@ def _on_one_another(
 
 
 def cut_out(
-    ends: Float[np.ndarray, "n 2 2"], area: BaseGeometry, min_length: float
+    ends: Ends, area: BaseGeometry, min_length: float
 ) -> tuple[Float[np.ndarray, "m 2 2"], Int[np.ndarray, " m"]]:
     """Parts of segments outside `area`, kept as they are where they do not meet it."""
     if area.is_empty or len(ends) == 0:
@@ -177,7 +178,7 @@ def cut_out(
     return np.concatenate([ends[apart], cut]), np.concatenate([apart, rest[of]])
 
 
-def ends_of(lines: Shaped[np.ndarray, " n"]) -> Float[np.ndarray, "n 2 2"]:
+def ends_of(lines: Shaped[np.ndarray, " n"]) -> Ends:
     """First and last point of line strings, which overlays may give points in between."""
     first, last = shapely.get_point(lines, 0), shapely.get_point(lines, -1)
     both = np.stack([shapely.get_coordinates(first), shapely.get_coordinates(last)], axis=1)
@@ -206,7 +207,7 @@ def edges_of_areas(shapes: Sequence[BaseGeometry]) -> Float[np.ndarray, "k 2 2"]
 
 
 def path_rings(
-    ends: Float[np.ndarray, "n 2 2"], path: Int[np.ndarray, " n"]
+    ends: Ends, path: Int[np.ndarray, " n"]
 ) -> Iterator[tuple[slice, Float[np.ndarray, "_ 2"], Float[np.ndarray, "_ 2"]]]:
     """Of each path of three segments or more which they are, its points in order, and from where each segment
     begins to the end of the one before: of the first to that of the last, so that all are 0 of a ring.
@@ -231,7 +232,7 @@ def extremes(
     return low, high
 
 
-def longest(ends: Float[np.ndarray, "n 2 2"], n: int = MAX_LINES) -> Float[np.ndarray, "k 2 2"]:
+def longest(ends: Ends, n: int = MAX_LINES) -> Float[np.ndarray, "k 2 2"]:
     """At most `n` of the segments, in their order."""
     if len(ends) <= n:
         return ends
@@ -264,7 +265,7 @@ def round_origin(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "2"]:
 class Candidates(Rows):
     """Lines that may be faces of walls, merged: no two lie on one another."""
 
-    ends: Float[np.ndarray, "n 2 2"]
+    ends: Ends
     is_called_wall: Bool[np.ndarray, " n"]
     """Whether the name of the layer, or a room that begins there, makes the line a wall."""
     layer: Int[np.ndarray, " n"]

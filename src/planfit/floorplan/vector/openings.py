@@ -8,7 +8,7 @@ import shapely
 from jaxtyping import Float, Int
 from shapely.geometry.base import BaseGeometry
 
-from planfit.floorplan.faces import PARALLEL_SINE, line_strings
+from planfit.floorplan.faces import PARALLEL_SINE, Ends, line_strings
 from planfit.floorplan.vector.line_work import cut_out
 from planfit.geometry import segments
 
@@ -31,9 +31,7 @@ class Windows:
     """The line that each was."""
 
 
-def take_out_windows(
-    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
-) -> Windows:
+def take_out_windows(ends: Ends, least: float, most: float, tolerance: float) -> Windows:
     """Find windows among lines and take out what is drawn in them.
 
     A pane ends within two lines across it, the jambs. The wall is what both jambs span, and beyond each
@@ -59,9 +57,7 @@ def take_out_windows(
     return Windows(sides, parts, line)
 
 
-def _boxes(
-    ends: Float[np.ndarray, "n 2 2"], least: float, most: float, tolerance: float
-) -> Float[np.ndarray, "k 4 2"]:
+def _boxes(ends: Ends, least: float, most: float, tolerance: float) -> Float[np.ndarray, "k 4 2"]:
     """Corners of the openings, the first two along one face of the wall."""
     n = len(ends)
     tree = shapely.STRtree(line_strings(ends))
@@ -123,10 +119,7 @@ def _in_rows(boxes: Float[np.ndarray, "n 4 2"], tolerance: float) -> Float[np.nd
 
 
 def _is_in_wall(
-    box: Float[np.ndarray, "4 2"],
-    ends: Float[np.ndarray, "n 2 2"],
-    tree: shapely.STRtree,
-    tolerance: float,
+    box: Float[np.ndarray, "4 2"], ends: Ends, tree: shapely.STRtree, tolerance: float
 ) -> bool:
     """Whether beyond both ends of a box a line goes on along one of its sides, and none between them:
     there would be layers of a wall."""
@@ -152,10 +145,7 @@ def _is_in_wall(
 
 
 def _is_layered(
-    box: Float[np.ndarray, "4 2"],
-    ends: Float[np.ndarray, "n 2 2"],
-    tree: shapely.STRtree,
-    tolerance: float,
+    box: Float[np.ndarray, "4 2"], ends: Ends, tree: shapely.STRtree, tolerance: float
 ) -> bool:
     """Whether a long box between two faces drawn through holds one line alone: two leaves of a wall. A window
     so long has a frame, or panes that mullions part."""

@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from planfit.floorplan.faces import LineWorkTooDense, check_crossings, in_blocks, line_strings
 from planfit.floorplan.vector.line_work import WallFaces, edges_of_areas, outlines
 from planfit.geometry import segments
-from planfit.priors import COORDINATE_MOST
+from planfit.priors import COORDINATE_MOST_M
 
 _SHORT_SHARE = 0.02
 """Of the extent of a plan: further than walls are thick."""
@@ -23,7 +23,7 @@ TOLERANCE_M = 0.005
 """How far corners of faces may be off, of files in metres."""
 MIN_FACE_M = 0.02
 """What is shorter is no face there."""
-MAX_COORDINATE = COORDINATE_MOST.value
+MAX_COORDINATE = COORDINATE_MOST_M.value
 MAX_SELF_CROSSINGS = 4000
 """Of the outlines of all areas of a file; those of real drawings cross themselves a few times."""
 

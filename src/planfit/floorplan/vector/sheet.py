@@ -7,7 +7,13 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.faces import covered_lengths, ends_that_meet, groups_within, line_strings
+from planfit.floorplan.faces import (
+    Ends,
+    covered_lengths,
+    ends_that_meet,
+    groups_within,
+    line_strings,
+)
 from planfit.floorplan.vector.arcs import fit_circle
 from planfit.floorplan.vector.drawing import Lines, VectorDrawing
 from planfit.floorplan.vector.layer_names import Role
@@ -176,7 +182,7 @@ def _innermost_frame(
 
 
 def _along_sides(
-    ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"], near: float
+    ends: Ends, box: Float[np.ndarray, "2 2"], near: float
 ) -> tuple[Bool[np.ndarray, " n"], Float[np.ndarray, "2 2"]]:
     """Lines that are near one side of a box all along, and how much of each side they cover, by the axis that
     it is across and whether it is the lower one."""
@@ -189,14 +195,14 @@ def _along_sides(
     return result, covered
 
 
-def _is_hugged(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
+def _is_hugged(ends: Ends, box: Float[np.ndarray, "2 2"]) -> bool:
     """Whether lines run along a box inside of it, near it and for much of its length."""
     size = box[1] - box[0]
     _, covered = _along_sides(ends, box, NEAR_SHARE * float(size.min()))
     return float(covered.sum()) > HUGGED * 2.0 * float(size.sum())
 
 
-def _is_title(ends: Float[np.ndarray, "n 2 2"], box: Float[np.ndarray, "2 2"]) -> bool:
+def _is_title(ends: Ends, box: Float[np.ndarray, "2 2"]) -> bool:
     """Whether lines that hang on a frame are upright and lie in a strip or a corner of it."""
     along = np.abs(segments.directions(ends)).max(axis=1)
     low, high = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))

@@ -8,6 +8,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
+    Ends,
     covered_lengths,
     ends_that_meet,
     find_partners,
@@ -82,7 +83,7 @@ def single_line_walls(
     return found
 
 
-def _are_edges_of_rooms(ends: Float[np.ndarray, "n 2 2"]) -> bool:
+def _are_edges_of_rooms(ends: Ends) -> bool:
     """Whether lines close in rooms on both sides, where two faces of a wall would close in that too."""
     if len(ends) > MAX_OUTLINE_LINES:
         return False
@@ -93,9 +94,7 @@ def _are_edges_of_rooms(ends: Float[np.ndarray, "n 2 2"]) -> bool:
     return len(rooms) >= ROOMS and explained > EXPLAINED * lines.length
 
 
-def _lengths_beside(
-    ends: Float[np.ndarray, "n 2 2"], most: float, least: float
-) -> Float[np.ndarray, " n"]:
+def _lengths_beside(ends: Ends, most: float, least: float) -> Float[np.ndarray, " n"]:
     """How much of each line has a parallel one beside it, within `most` and beyond `least`."""
     pairs = find_partners(ends, most, least, 0.0, PARALLEL_SINE)
     return covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
@@ -176,10 +175,7 @@ def _are_of_rooms(
 
 
 def _around_faces(
-    parts: Float[np.ndarray, "k 2 2"],
-    lines: Float[np.ndarray, "n 2 2"],
-    faces: WallFaces,
-    extent: float,
+    parts: Float[np.ndarray, "k 2 2"], lines: Ends, faces: WallFaces, extent: float
 ) -> Float[np.ndarray, "m 2 2"]:
     """What of parts of lines is on a closed outline around faces that end at it: a line may leave it where a
     bay begins. The frame of a sheet and the border of a site stand apart from walls.
@@ -219,9 +215,7 @@ def _around_faces(
     return np.concatenate([parts[is_whole], ends_of(on[shapely.length(on) > 0.02 * extent])])
 
 
-def nearest_line(
-    lines: Float[np.ndarray, "n 2 2"], parts: Float[np.ndarray, "k 2 2"]
-) -> Int[np.ndarray, " k"]:
+def nearest_line(lines: Ends, parts: Float[np.ndarray, "k 2 2"]) -> Int[np.ndarray, " k"]:
     """Index of the line that each part was cut from."""
     middles = shapely.points(parts.mean(axis=1))
     return np.asarray(shapely.STRtree(line_strings(lines)).nearest(middles), dtype=int)
@@ -240,7 +234,7 @@ def body_of_faces(faces: WallFaces, extent: float) -> BaseGeometry:
     )
 
 
-def _room(ends: Float[np.ndarray, "n 2 2"]) -> float:
+def _room(ends: Ends) -> float:
     """Area of the box around segments; 0 of none."""
     if len(ends) == 0:
         return 0.0
@@ -265,9 +259,7 @@ def left_out_words(candidates: Candidates, faces: WallFaces, extent: float) -> t
     )
 
 
-def _lines_between_walls(
-    ends: Float[np.ndarray, "n 2 2"], faces: WallFaces, extent: float
-) -> Float[np.ndarray, "k 2 2"]:
+def _lines_between_walls(ends: Ends, faces: WallFaces, extent: float) -> Float[np.ndarray, "k 2 2"]:
     """Long lines away from faces whose both ends meet faces, or other such lines."""
     ends = ends[segments.lengths(ends) > NETWORK * extent]
     walls = line_strings(faces.ends)

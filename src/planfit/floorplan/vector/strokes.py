@@ -9,6 +9,7 @@ from shapely.geometry.base import BaseGeometry
 
 from planfit.floorplan.faces import (
     PARALLEL_SINE,
+    Ends,
     covered_lengths,
     ends_that_meet,
     find_partners,
@@ -50,7 +51,7 @@ class Pen:
 
 
 def are_bodies(
-    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"], may: Bool[np.ndarray, " n"]
+    ends: Ends, width: Float[np.ndarray, " n"], may: Bool[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
     """Which lines are walls by themselves: as wide as walls are thick, finer ones beside them being none.
 
@@ -94,9 +95,7 @@ def slimness(area: BaseGeometry) -> float:
     return area.length**2 / (16 * max(area.area, 1e-300))
 
 
-def _hang_on(
-    ends: Float[np.ndarray, "n 2 2"], width: float, body: BaseGeometry
-) -> Bool[np.ndarray, " n"]:
+def _hang_on(ends: Ends, width: float, body: BaseGeometry) -> Bool[np.ndarray, " n"]:
     """Which strokes of one pen go on from walls, straight or by way of others of their own."""
     own = _bodies(ends, np.full(len(ends), width))
     joined = shapely.get_parts(shapely.union_all(shapely.buffer(own, 0.1 * width)))
@@ -105,9 +104,7 @@ def _hang_on(
     return np.isin(np.arange(len(ends)), line)
 
 
-def body_of_strokes(
-    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"]
-) -> BaseGeometry:
+def body_of_strokes(ends: Ends, width: Float[np.ndarray, " n"]) -> BaseGeometry:
     """Area that strokes cover. An end that meets another stroke goes on for half a width, which closes
     corners; one at a door does not, nor one that reached the far side of the other already."""
     lines = line_strings(ends)
@@ -120,14 +117,12 @@ def body_of_strokes(
     return shapely.union_all(_bodies(ends + meets[:, :, None] * outwards, width))
 
 
-def _bodies(
-    ends: Float[np.ndarray, "n 2 2"], width: Float[np.ndarray, " n"]
-) -> Shaped[np.ndarray, " n"]:
+def _bodies(ends: Ends, width: Float[np.ndarray, " n"]) -> Shaped[np.ndarray, " n"]:
     """What each stroke covers."""
     return shapely.buffer(line_strings(ends), width / 2, cap_style="flat", join_style="mitre")
 
 
-def area_of_strokes(ends: Float[np.ndarray, "n 2 2"], width: float) -> BaseGeometry:
+def area_of_strokes(ends: Ends, width: float) -> BaseGeometry:
     """What strokes of one width fill where they lie side by side, to the middle of the outermost; empty where
     they are lines, or too few to be a fill.
 
@@ -144,9 +139,7 @@ def area_of_strokes(ends: Float[np.ndarray, "n 2 2"], width: float) -> BaseGeome
     return shapely.buffer(core, 0.5 * width, join_style="mitre")
 
 
-def are_in_area(
-    ends: Float[np.ndarray, "n 2 2"], area: BaseGeometry, width: float
-) -> Bool[np.ndarray, " n"]:
+def are_in_area(ends: Ends, area: BaseGeometry, width: float) -> Bool[np.ndarray, " n"]:
     """Which strokes an area is made of, its outline included."""
     grown = shapely.buffer(area, width, join_style="mitre")
     shapely.prepare(grown)

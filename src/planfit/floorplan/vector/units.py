@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.errors import FloorplanError
+from planfit.floorplan.faces import Ends
 from planfit.floorplan.options import (
     MAX_SIZE_M,
     METRES_PER_UNIT,
@@ -244,9 +245,7 @@ def count_apart(values: list[float]) -> int:
     return count
 
 
-def scale_of_dimensions(
-    ends: Float[np.ndarray, "n 2 2"], texts: tuple[Text, ...]
-) -> DimensionScale | None:
+def scale_of_dimensions(ends: Ends, texts: tuple[Text, ...]) -> DimensionScale | None:
     """Metres of one unit of the drawing, where at least three texts of clearly different lengths agree
     within 1 % with the lines they stand at the middle of, and they are most of the
     texts that have such a line.
@@ -306,9 +305,7 @@ def size_of_room(text: str) -> RoomSize | None:
     return RoomSize((sides[0][0], sides[1][0]), sides[0][1], found.group())
 
 
-def scale_of_rooms(
-    ends: Float[np.ndarray, "n 2 2"], texts: tuple[Text, ...]
-) -> DimensionScale | None:
+def scale_of_rooms(ends: Ends, texts: tuple[Text, ...]) -> DimensionScale | None:
     """Metres of one unit of the drawing, by sizes of rooms that agree with the faces around their texts.
 
     `ends`: of wall faces, in the drawing's unit.
@@ -345,7 +342,7 @@ def scale_of_rooms(
     )
 
 
-def _room_around(text: Text, ends: Float[np.ndarray, "n 2 2"]) -> Float[np.ndarray, "2"] | None:
+def _room_around(text: Text, ends: Ends) -> Float[np.ndarray, "2"] | None:
     """Width and height of the room about a text, along x and y; None where a side has no wall."""
     size = np.zeros(2)
     for axis in (0, 1):

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from jaxtyping import Bool, Float, Int
 
-from planfit.floorplan.faces import Partners, covered_lengths, line_strings
+from planfit.floorplan.faces import Ends, Partners, covered_lengths, line_strings
 from planfit.geometry import segments
 
 ROOM = 1.35
@@ -27,7 +27,7 @@ MOST_PLACES = 400_000
 """Of a drawing; larger ones (site plans with their contours) are left as they are."""
 
 
-def sides_with_room(ends: Float[np.ndarray, "n 2 2"], widest: float) -> Int[np.ndarray, " n"]:
+def sides_with_room(ends: Ends, widest: float) -> Int[np.ndarray, " n"]:
     """1 where the left side of a line is free, -1 the right, 0 where both or neither have room.
 
     `ends`: merged, no two on one another; `widest`: what a wall may be thick at most.
@@ -53,7 +53,7 @@ def sides_with_room(ends: Float[np.ndarray, "n 2 2"], widest: float) -> Int[np.n
 
 
 def votes_of_other_faces(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
+    ends: Ends, pairs: Partners, free_side: Int[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "2 n"], Bool[np.ndarray, " n"]]:
     """How much tells that the left side of a line of unknown side is free, or the right: it is the nearest
     behind a line whose side is known, and so the other face of its wall, whatever stands near that one. And
@@ -82,7 +82,7 @@ def votes_of_other_faces(
 
 
 def _beside(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners
+    ends: Ends, pairs: Partners
 ) -> tuple[Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
     """Left and right of each line: mean distance of what lies there, weighed by its length so that a jamb or
     a short stroke decides nothing, infinite where nothing does; and the share of the line that has any."""
@@ -99,9 +99,7 @@ def _beside(
     return gaps, shares
 
 
-def inner_lines(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, most: float
-) -> Bool[np.ndarray, " n"]:
+def inner_lines(ends: Ends, pairs: Partners, most: float) -> Bool[np.ndarray, " n"]:
     """Lines with others on both sides all along, all within one wall's thickness: panes of
     windows, cavities, leaves of sliding doors."""
     gaps, shares = _beside(ends, pairs)
@@ -109,7 +107,7 @@ def inner_lines(
 
 
 def wall_sides(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners, free_side: Int[np.ndarray, " n"]
+    ends: Ends, pairs: Partners, free_side: Int[np.ndarray, " n"]
 ) -> Int[np.ndarray, " n"]:
     """For each line, 1 where the wall is left of a line, -1 right, 0 where nothing tells."""
     gaps, shares = _beside(ends, pairs)
@@ -119,9 +117,7 @@ def wall_sides(
     return np.where(free_side != 0, -free_side, found)
 
 
-def side_seen_from_partner(
-    ends: Float[np.ndarray, "n 2 2"], pairs: Partners
-) -> Float[np.ndarray, " p"]:
+def side_seen_from_partner(ends: Ends, pairs: Partners) -> Float[np.ndarray, " p"]:
     """For each pair, 1 where `line` is left of `partner`, -1 right."""
     along = segments.directions(ends)
     same_way = np.sign(np.einsum("pi,pi->p", along[pairs.line], along[pairs.partner]))
