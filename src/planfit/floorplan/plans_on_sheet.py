@@ -17,6 +17,9 @@ _APART = 0.3
 _LEAST_SHARE = 0.12
 """A group of less area or less wall than this share of the largest is a part of its neighbour: a wall around
 a yard has the extent of a storey, and little in it."""
+_SOLID = 0.6
+"""A group that fills this share of its extent has no rooms: the bar of a title. Walls fill 0.05 to 0.3,
+houses of a site plan 0.5."""
 
 _FAR = 0.25
 """Groups further apart than this share of the smaller one's shorter side are plans of their own."""
@@ -125,7 +128,7 @@ def _large(
     length = np.array([shapely.length(walls[group == name]).sum() for name in names])
     is_storey = (area >= _LEAST_SHARE * area.max()) & (length >= _LEAST_SHARE * length.max())
     solid = np.array([shapely.area(walls[group == name]).sum() for name in names])
-    is_storey &= solid < area / 2  # the bar of a title has no rooms; walls fill 0.05 to 0.3
+    is_storey &= solid < _SOLID * area
     is_storey[np.argmax(length)] = True
     return names, extents, is_storey
 
