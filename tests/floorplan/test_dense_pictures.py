@@ -3,6 +3,7 @@
 What they cost beside a plan of their size is measured in benchmarks/plan_pictures.py.
 """
 
+import cv2
 import numpy as np
 import pytest
 import shapely
@@ -12,7 +13,7 @@ from plan_pictures import DENSE, dense_grid
 from planfit.errors import FloorplanError
 from planfit.floorplan import read_floorplan
 from planfit.floorplan.gaps import WIDEST, _gaps_px, find_openings
-from planfit.floorplan.raster.trace import trace_regions
+from planfit.floorplan.raster.trace import profiles, trace_regions
 from planfit.floorplan.vector.regions import faces_of_regions
 from planfit.geometry import segments
 
@@ -143,3 +144,11 @@ def test_the_wall_behind_faces_of_one_wall_of_many_corners():
     assert is_tooth.sum() == 300
     expected = np.where((middle[is_tooth, 0] // 2) % 2 == 1, 0.3, 0.5)
     np.testing.assert_allclose(faces.thickness[is_tooth], expected, atol=1e-3)
+
+
+def test_profiles_of_more_points_than_opencv_maps_at_once():
+    points = np.stack([np.arange(40_000) % 60, np.full(40_000, 20)], axis=1).astype(float)
+    picture = np.ones((40, 60), np.float32)
+    found = profiles(picture, points, np.zeros_like(points), np.zeros(1), cv2.INTER_LINEAR)
+    assert found.shape == (40_000, 1)
+    assert (found == 1).all()

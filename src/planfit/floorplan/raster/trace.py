@@ -18,8 +18,8 @@ _CORNER_PX = 1.6
 _MOST_CONTOURS = 5_000
 """A mask of more is noise or texture, of which tracing and weighing take minutes. Of seven pictures of real
 plans none has more than 383 regions."""
-_MAX_ROWS = np.iinfo(np.int16).max
-"""That OpenCV maps at once."""
+_MAX_ROWS = np.iinfo(np.int16).max - 1
+"""That OpenCV maps at once: it wants fewer than a 16-bit number counts."""
 _SNAP_PX = 1.0
 """An edge is set along a row or column where its ends need to move by no more than this."""
 
