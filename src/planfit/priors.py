@@ -102,6 +102,9 @@ WALL_AS_BUILT_SIGMA_M = Prior(
     "Standard deviation of a wall about its line: DIN 18202 allows 0.016 m at lengths of 3 to 6 m and 0.030 "
     "m beyond 30 m, and plans leave plaster, skirting boards and doors in their recess out.",
 )
+WALL_MOVED_SHARE = Prior(
+    0.1, "Walls that stand elsewhere than drawn, of plans that are wrong at all. Chosen here."
+)
 WALL_MOVED_MOST_M = Prior(
     0.7,
     "A wall further from its line is another wall: halves of corridors are wider. Chosen here.",
@@ -359,6 +362,9 @@ SAME_MOTION_SIGMAS = Prior(
     "Two motions, as the norm of six numbers in sigmas: chi-square with six degrees of freedom leaves 3e-6 "
     "beyond. As wide because errors of matches are not independent.",
 )
+MIN_WITNESSES = 3
+"""Observations that must agree where any may be false: of two, one false one leaves a tie. Patches of a wall
+that was moved, revisits that place a part of the walk, frames that stand on a floor."""
 CLEAR_ODDS = Prior(
     100.0,
     "Of two explanations one is taken, and the other left, where it is so many times as likely: 'decisive' "

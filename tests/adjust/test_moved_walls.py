@@ -65,9 +65,8 @@ def test_each_threshold_decides(world):
     assert np.isfinite(found(world, plan)).sum() == 1
     assert n_moved(MAX_OFFSET_M=0.15) == 0
     assert n_moved(MIN_OFFSET_M=0.25) == 0
-    assert n_moved(MIN_PATCHES=4) == 1
-    assert n_moved(MIN_PATCHES=5) == 0
-    assert n_moved(_MAX_MOVED_SHARE=0.2) == 0  # a quarter of the patches lie on it
+    assert n_moved(MIN_WITNESSES=4) == 1
+    assert n_moved(MIN_WITNESSES=5) == 0
 
 
 def test_walls_known_to_be_moved_say_nothing_against_the_poses(world):
@@ -81,7 +80,7 @@ def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
     # 1 m wide and drawn 0.15 m before the wall y = 3; it stands 0.4 m further into the room.
     plan = faces_plan([[0, 0], [6, 0], [6, 3], [4, 3], [4, 2.85], [3, 2.85], [3, 3], [0, 3]])
     pose = look([3.5, 1.0, 1.5], 90.0)
-    spans = [(4.2, 5.2, 3.0), *[(3.0, 4.0, 2.45)] * 3, (1.5, 2.8, 3.0)]
+    spans = [(4.2, 5.2, 3.0), *[(3.0, 4.0, 2.45)] * 3, (1.5, 2.8, 3.0), (0.2, 1.4, 3.0)]
     patches = []
     for low, high, y in spans:
         x = np.array([low, *rng.uniform(low, high, 60), high])
@@ -89,8 +88,7 @@ def test_a_pilaster_is_told_from_the_wall_beside_it(rng):
         patches.append((0, wall, np.array([0.0, -1.0])))
     walls, chosen = make_structure(pose[None], (), patches).walls, AssociationOptions()
     association = associate(walls, plan, pose[None], 0.35, chosen)
-    with patch.object(moved_walls, "_MAX_MOVED_SHARE", 0.7):
-        moved_m = find_moved(PatchesOnPlan(walls, plan, pose[None], chosen), association)
+    moved_m = find_moved(PatchesOnPlan(walls, plan, pose[None], chosen), association)
     assert np.flatnonzero(np.isfinite(moved_m)).tolist() == [4]
     assert moved_m[4] == pytest.approx(0.4, abs=0.01)
 
@@ -108,7 +106,7 @@ def test_wall_seen_where_it_is_drawn_speaks_against(world):
         ends[k] += 0.3 * walls.normals_cam[k]
     before = replace(walls, points_cam=points, ends_cam=ends)
     spoilt = replace(world, structure=replace(world.structure, walls=before))
-    with patch.object(moved_walls, "MIN_PATCHES", 2):
+    with patch.object(moved_walls, "MIN_WITNESSES", 2):
         assert np.isnan(found(spoilt, world.floorplan)).all()
         with patch.object(moved_walls, "MIN_SHARE", 0.4):
             assert np.isfinite(found(spoilt, world.floorplan))[1]

@@ -120,7 +120,7 @@ def test_a_noisy_tracker_has_no_delay():
     rng = np.random.default_rng(3)
     sigma = np.repeat([np.deg2rad(0.6), 0.02], 3)
     poses = se3.retract(true, rng.normal(size=(len(true), 6)) * sigma)
-    with patch.object(judge, "FUSE_ABOVE", 100.0):
+    with patch.object(judge, "NOTED_FACTOR", 100.0):
         assert judged(poses, motions, times).clock is None
 
 

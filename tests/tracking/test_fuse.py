@@ -69,7 +69,7 @@ def test_only_trackers_that_err_much_more_than_usual_are_fused(noisy):
     steps = se3.inverse(tracking.world_from_cams[:-1]) @ tracking.world_from_cams[1:]
     np.testing.assert_allclose(tracking.odometry.cam_from_next, steps, atol=1e-9)
     assert np.array_equal(tracking.recorded_world_from_cams, poses)
-    with patch.object(judge, "FUSE_ABOVE", 99.0):
+    with patch.object(judge, "NOTED_FACTOR", 99.0):
         assert np.array_equal(judged(poses, motions).world_from_cams, poses)
     usual = tracked(true, np.random.default_rng(1))
     assert np.array_equal(judged(usual, motions).world_from_cams, usual)

@@ -12,31 +12,29 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.terms.observation_models import FLOOR
 from planfit.geometry import se3
-from planfit.priors import FLOOR_SLOPE_MOST_SHARE, STAIR_RISER_MOST_M, WALL_LEAN_SIGMA_DEG
+from planfit.priors import (
+    FLOOR_SLOPE_MOST_SHARE,
+    MIN_WITNESSES,
+    STAIR_RISER_MOST_M,
+    SURE_SIGMAS,
+    VIEW_DISTANCE_M,
+    WALL_LEAN_SIGMA_DEG,
+)
 from planfit.segmentation import LevelPoints, WallPatches
 
 CELL_M = 0.5
 """Floor points are thinned to one height a cell."""
 SIGMA_M = FLOOR.sigma
 """Of the heights of cells about their piece, as of the floor term."""
-_WITHIN_SIGMAS = 3.0
+_WITHIN_M = SURE_SIGMAS.value * SIGMA_M
 _MIN_CELLS = 12
 """A piece is larger than this: 3 m^2."""
 LEAN_SIGMA_RAD = float(np.deg2rad(WALL_LEAN_SIGMA_DEG.value))
 """Of the lean of all walls together, and of the slope of all floors."""
-_SLOPE_SIGMAS = 3.3
-"""A piece that slopes by less is level."""
 _MAX_PIECES = 8
 _TRIALS = 300
-_NEAR_M = 3.0
-"""Planes are tried through cells that are as near to each other."""
 _FOOT_M = 1.0
 """The floor that a person stands on is seen within this of where the camera is, by some frame."""
-_CARRIED_WITHIN_M = 0.2
-"""A camera that is carried is as high over every piece that is walked on, within this; a worktop or a heap
-that is labelled floor is nearer to it."""
-_MIN_STANDING = 3
-"""Frames that stand on a piece, at least."""
 _MAX_PATCHES = 400
 """Wall patches that tell the lean, spread evenly over the scan."""
 _MIN_RISE_M = 1.0
@@ -142,20 +140,21 @@ def find_pieces(
     standing = _standing_on(xy, piece_of_cell, len(planes), cams)
     above_m = cams[:, 2] - _heights(planes, cams[:, :2])
     counts = np.bincount(standing[standing >= 0], minlength=len(planes))
-    if counts.max(initial=0) < _MIN_STANDING:
+    if counts.max(initial=0) < MIN_WITNESSES:
         return None
     main = int(np.argmax(counts))
     carried_m = float(np.median(above_m[main, standing == main]))
     for k, plane in enumerate(planes):
-        if np.hypot(plane[0], plane[1]) < _SLOPE_SIGMAS * LEAN_SIGMA_RAD:
+        if np.hypot(plane[0], plane[1]) < SURE_SIGMAS.value * LEAN_SIGMA_RAD:
             plane[:] = 0.0, 0.0, np.median(height_m[piece_of_cell == k])
     here_m, kept, heights_m = _heights(planes, cams[:, :2]), [main], [0.0]
     for k in range(len(planes)):
         own = standing == k
-        if counts[k] < _MIN_STANDING or k == main:
+        if counts[k] < MIN_WITNESSES or k == main:
             continue
         off_m = float(np.median(here_m[k, own] - here_m[main, own]))
-        is_walked = abs(float(np.median(above_m[k, own])) - carried_m) < _CARRIED_WITHIN_M
+        # A camera is carried as high over every piece; a worktop that is labelled floor is nearer to it.
+        is_walked = abs(np.median(above_m[k, own]) - carried_m) < STAIR_RISER_MOST_M.value
         if is_walked and abs(off_m) >= STAIR_RISER_MOST_M.value:
             kept.append(k)
             heights_m.append(off_m)
@@ -205,7 +204,7 @@ def _planes(
         if len(left) < _MIN_CELLS:
             break
         plane = _largest_plane(place[left], height_m[left], rng)
-        within = np.abs(height_m[left] - place[left] @ plane) < _WITHIN_SIGMAS * SIGMA_M
+        within = np.abs(height_m[left] - place[left] @ plane) < _WITHIN_M
         if within.sum() < _MIN_CELLS:
             break
         piece[left[within]] = len(planes)
@@ -222,18 +221,19 @@ def _largest_plane(
         k = int(rng.integers(len(place)))
         plane = np.array([0.0, 0.0, height_m[k]])
         if trial % 2:
-            near = np.flatnonzero(((place[:, :2] - place[k, :2]) ** 2).sum(axis=1) < _NEAR_M**2)
+            apart_m = np.linalg.norm(place[:, :2] - place[k, :2], axis=1)
+            near = np.flatnonzero(apart_m < VIEW_DISTANCE_M.value)
             three = near[rng.integers(len(near), size=3)]
             if abs(np.linalg.det(place[three])) < CELL_M:
                 continue
             plane = np.linalg.solve(place[three], height_m[three])
             if np.hypot(plane[0], plane[1]) > FLOOR_SLOPE_MOST_SHARE.value:
                 continue
-        n_within = int((np.abs(height_m - place @ plane) < _WITHIN_SIGMAS * SIGMA_M).sum())
+        n_within = int((np.abs(height_m - place @ plane) < _WITHIN_M).sum())
         if n_within > most:
             best, most = plane, n_within
     for _ in range(10):
-        within = np.abs(height_m - place @ best) < _WITHIN_SIGMAS * SIGMA_M
+        within = np.abs(height_m - place @ best) < _WITHIN_M
         if within.sum() < _MIN_CELLS:
             break
         best = np.linalg.lstsq(place[within], height_m[within], rcond=None)[0]

@@ -20,10 +20,13 @@ from planfit.floorplan.faces import connected_groups
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.priors import (
     DOOR_GAP_M,
+    MIN_WITNESSES,
     SURE_SIGMAS,
+    WALL_AS_BUILT_SIGMA_M,
     WALL_AS_DRAWN_M,
     WALL_FACES_APART_M,
     WALL_MOVED_MOST_M,
+    WALL_MOVED_SHARE,
     WALL_SPREAD_M,
 )
 
@@ -41,21 +44,15 @@ MAX_OFFSET_M = WALL_MOVED_MOST_M.value
 """Wall further off its face as drawn is another wall."""
 MIN_OFFSET_M = WALL_AS_DRAWN_M.value
 """A wall less far off is as drawn."""
-MIN_PATCHES = 3
-"""Wall patches that must agree on the offset."""
 MIN_SHARE = 0.6
 """Share of the wall seen near a face, as drawn or not, that must agree on it."""
-_MAX_MOVED_SHARE = 0.5
-"""Share of the wall patches with a face that may lie on moved ones; with more, the poses are off, not the
-walls, and none is taken for moved."""
 MIN_SIGMAS = SURE_SIGMAS.value
 """An offset counts from this many of its standard deviations on: where little holds the poses that saw a
 wall, they may be off as well."""
 MOVED_SIGMA_M = 0.3
 """Sigma of the offset of a wall that was moved: decimetres."""
-PRICE = 5.0
-"""Cost of calling a wall moved: the logarithm of how seldom walls are, and of how much less is known of
-them than of one as drawn (0.3 m against 0.02 m)."""
+PRICE = -float(np.log(WALL_MOVED_SHARE.value * WALL_AS_BUILT_SIGMA_M.value / MOVED_SIGMA_M))
+"""Cost of calling a wall moved: how seldom walls are, and how much less is known of them."""
 WITHIN_M = WALL_SPREAD_M.value
 """Wall patches agree on an offset within this."""
 
@@ -99,12 +96,12 @@ def find_moved(
         at = int(np.argmax(agree.sum(axis=0)))
         mine = beside[agree[:, at]]
         offset = float(np.median(mine))
-        enough = len(mine) >= MIN_PATCHES
+        enough = len(mine) >= MIN_WITNESSES
         most = len(mine) >= MIN_SHARE * (len(beside) + n_drawn[face])
         if enough and (most or face in known) and abs(offset) >= MIN_OFFSET_M:
             moved_m[face] = offset
             n_moved += 0 if face in known else len(mine)
-    if n_moved > _MAX_MOVED_SHARE * (n_moved + is_drawn.sum()):
+    if n_moved > is_drawn.sum():  # the poses are off, not the walls
         moved_m[~np.isin(np.arange(len(moved_m)), known)] = np.nan
     return moved_m
 

@@ -19,14 +19,14 @@ from planfit.adjust.association import PatchesOnPlan
 from planfit.adjust.moved_walls import (
     MAX_OFFSET_M,
     MIN_OFFSET_M,
-    MIN_PATCHES,
     WITHIN_M,
     wall_numbers,
 )
 from planfit.adjust.voting import beside_faces
+from planfit.priors import MIN_WITNESSES, WALL_MOVED_SHARE
 
-SAME_SHIFT_M = 0.1
-"""Shifts that differ by less are one."""
+SAME_SHIFT_M = 2 * WITHIN_M
+"""Shifts that differ by less are one: a patch may agree with both."""
 MAX_SHIFTS = 64
 """So many are tried, those that most wall patches ask for first."""
 MOST_TWINS = 8
@@ -36,8 +36,8 @@ TWICE_SHARE = 0.6
 flats drawn twice, at most 0.44 of seven real and rendered buildings."""
 ACROSS = 0.5
 """Two shifts are combined where the cosine between them is below this."""
-USUALLY_MOVED, USUALLY_STANDING = 1.0, 9.0
-"""Walls that count as seen beforehand: of plans that are wrong at all, about one wall in ten was moved."""
+USUALLY_MOVED, USUALLY_STANDING = 1.0, 1.0 / WALL_MOVED_SHARE.value - 1.0
+"""Walls that count as seen beforehand, one of them moved."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def other_places(seen: PatchesOnPlan, moved_m: Float[np.ndarray, " f"]) -> tuple
     shifts = _tried(-moved_m[moved, None] * floorplan.normals[moved])
     held = _held(patch, face, distance_m, shifts, floorplan.normals)
     as_drawn = np.stack([np.bincount(f[f >= 0], minlength=len(floorplan)) for f in held])
-    as_drawn = as_drawn >= MIN_PATCHES
+    as_drawn = as_drawn >= MIN_WITNESSES
     is_moved = np.isfinite(moved_m)
     faces = np.flatnonzero(as_drawn.any(axis=0) | is_moved)
     wall_of_face = wall_numbers(faces, floorplan)
@@ -119,7 +119,7 @@ def on_other_copy(seen: PatchesOnPlan) -> Float[np.ndarray, " 2"] | None:
         # What a shift runs along is found before and after.
         is_moved = (here >= 0) & (np.abs(normals[here] @ shifts[k]) > SAME_SHIFT_M / 2)
         n, n_again = int(is_moved.sum()), int((is_moved & (held >= 0)).sum())
-        if n >= MIN_PATCHES and n_again >= TWICE_SHARE * n:
+        if n >= MIN_WITNESSES and n_again >= TWICE_SHARE * n:
             n_found[k] = n_again
     return shifts[np.argmax(n_found)] if n_found.any() else None
 

@@ -24,15 +24,13 @@ from planfit.matching.cycles import (
     spanned_steps,
 )
 from planfit.matching.pose_graph import LoopGraph
+from planfit.priors import MIN_WITNESSES
 from planfit.scan.odometry import Odometry
-from planfit.tracking.submaps import MIN_VOTES
 
 MIN_SIGMAS = 12.0
 """A step within so many sigmas of the recorded one (norm of six numbers) is not torn."""
 MIN_TIMES_USUAL = 5.0
 """Nor is one within so many times the median of the walk: where all steps are off, the sigmas are wrong."""
-MIN_WITNESSES = MIN_VOTES
-"""A step is given up for visits only where as many agree with each other without it, and none with it."""
 BROKEN_SIGMAS, BROKEN_M, BROKEN_DEG = 15.0, 0.3, 5.0
 """The path is broken at a step that departs from the tracker's by so many sigmas, and by so much."""
 LOST_M, LOST_RAD = 1e3, 10.0

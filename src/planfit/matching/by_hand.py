@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.matching.cycles import TRANSLATION_SLACK_M
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import VerifiedPairs, verify_pairs
 from planfit.matching.tentative import find_keypoints
@@ -24,7 +25,7 @@ from planfit.scan.views import select_frames
 
 _PICK_PX = 3.0
 """How far off its point a pixel is that a person picks, standard deviation."""
-AGREES_M = 0.3
+AGREES_M = TRANSLATION_SLACK_M
 """Two picked points that the images put further apart than this are not one."""
 
 

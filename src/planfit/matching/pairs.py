@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from planfit.errors import require_positive
 from planfit.matching.covisibility import ViewSamples
 from planfit.matching.pair_kernels import take_within_budget
-from planfit.matching.retrieval import most_similar, similarity_of
+from planfit.matching.retrieval import N_LOOKED_AT, most_similar, similarity_of
 from planfit.priors import SAME_MOTION_SIGMAS
 from planfit.scan.odometry import Odometry
 
@@ -22,8 +22,6 @@ _DRIFT_M = 0.5
 """At this much drift, the covisibility of recorded poses counts half."""
 RECENT_M = 2.5
 """Frames with less way between them are no revisit; they share a third of the budget."""
-_N_NEAREST = 64
-"""Views looked at about each view; many visits of one place fit in."""
 VISIT_FRAMES = 8
 """Pairs between the same two runs of this many frames are of one visit."""
 CELL_M = 0.25
@@ -204,7 +202,7 @@ def _near_views(
     ahead = views.centres + VIEW_DISTANCE_M * views.forward
     # Nearest in six numbers, of the centre and of the spot ahead; beyond `reach` no pair passes the gate.
     location = np.hstack([views.centres, ahead])
-    k = min(_N_NEAREST, len(location))
+    k = min(N_LOOKED_AT, len(location))
     reach = np.hypot(MAX_DISTANCE_M, MAX_DISTANCE_M + 2 * VIEW_DISTANCE_M)
     _, found = cKDTree(location).query(location, k=k, distance_upper_bound=reach)
     a = np.repeat(np.arange(len(location)), k)

@@ -20,8 +20,8 @@ _N_PER_FRAME = 400
 _DIMENSIONS = 512
 """Frame descriptors are projected to this many numbers; a random projection keeps scalar products to 4 %."""
 BLOCK = 256
-_N_LOOKED_AT = 64
-"""The most similar rows of each, of which the possible ones are taken."""
+N_LOOKED_AT = 64
+"""The nearest or most similar views of each, of which the possible ones are taken: many visits fit in."""
 
 
 def describe_frames(
@@ -75,7 +75,7 @@ def most_similar(
     n = len(vectors)
     if n < 2:
         return np.zeros((0, 2), dtype=int), np.zeros(0)
-    looked_at = min(max(_N_LOOKED_AT, k), n)
+    looked_at = min(max(N_LOOKED_AT, k), n)
     # Blocks of rows bound the memory, n floats a row. Of each row the best are parted off unsorted, and
     # only those are asked for (`possible` costs more than the product) and sorted.
     found, alike = [], []

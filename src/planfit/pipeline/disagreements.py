@@ -14,12 +14,12 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust import Measurements
 from planfit.adjust.association import PlanCorrespondences, wall_patches_in_plan
-from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.evaluation import median_match_distance
 from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, FoldedSolves, without_fold
+from planfit.priors import MIN_WITNESSES
 from planfit.units import in_units
 
 SUSPECT_FACTOR = 4.0
@@ -263,7 +263,7 @@ def _items(solves: FoldedSolves) -> _Items:
     items = _Items(solves, tuple(visits.tolist()), ())
     faces = items.patch_faces
     seen, counts = np.unique(faces[faces >= 0], return_counts=True)
-    return replace(items, faces=tuple(seen[counts >= MIN_PATCHES].tolist()))
+    return replace(items, faces=tuple(seen[counts >= MIN_WITNESSES].tolist()))
 
 
 def _suspects(

@@ -32,6 +32,7 @@ from planfit.alignment import AdjustedAlignment, AlignOptions, OtherScale, judge
 from planfit.findings import Finding
 from planfit.lsq import Term
 from planfit.lsq.covariance import blocks_of_inverse
+from planfit.matching.cycles import TRANSLATION_SLACK_M
 from planfit.pipeline.align import wall_samples
 from planfit.pipeline.calibrate import shared_error
 from planfit.pipeline.disagreements import Disagreement, find_disagreements
@@ -58,7 +59,7 @@ from planfit.runtime import blas_on_one_thread, give_back_memory, in_threads, sh
 
 FOLD_TOLERANCE = 1e-4
 """A fold's solve ends when a round lowers the cost by less than this share of itself."""
-CONTRADICTED_M = 0.3
+CONTRADICTED_M = TRANSLATION_SLACK_M
 """A visit whose matches end further apart (median) is contradicted by the result."""
 DRIFT_COST = 3.0
 """See `Evidence.scan_costs`."""

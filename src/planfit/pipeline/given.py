@@ -18,6 +18,7 @@ from planfit.lsq import Term
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.runtime import ProgressLine, Runtime
+from planfit.runtime.short_repr import MAX_TEXT
 from planfit.scan import Scan
 from planfit.survey import Survey
 from planfit.tracking import choose_keyframes
@@ -26,7 +27,6 @@ _READ = {
     "scan": "read one with planfit.read_scan",
     "floorplan": "read one with planfit.read_floorplan",
 }
-_MAX_SHOWN = 60
 
 
 @dataclass(frozen=True)
@@ -105,6 +105,6 @@ def require_given(scan: Any, floorplan: Any, options: Any, runtime: Any) -> None
 def _require(name: str, value: Any, kind: type) -> None:
     if not isinstance(value, kind):
         shown = printable(repr(value))
-        shown = shown if len(shown) <= _MAX_SHOWN else type(value).__name__
+        shown = shown if len(shown) <= MAX_TEXT else type(value).__name__
         advice = _READ.get(name, f"give one, planfit.{kind.__name__}(...)")
         raise OptionError(f"{name}: expected a {kind.__name__}, found {shown}; {advice}")

@@ -19,11 +19,9 @@ from planfit.survey import SurveyResiduals
 LOA_CLASSES = (("LOA50", 0.001), ("LOA40", 0.005), ("LOA30", 0.015), ("LOA20", 0.05))
 """Levels of accuracy of the U.S. Institute of Building Documentation (Level of Accuracy Specification, Guide
 C120, version 3), each with the largest deviation (m) that 95 % keep to; beyond, LOA10."""
-FACTOR_95 = 1.614
-"""From the RMS of lengths of residuals in space to the radius that holds 95 %, residuals being normal and
-alike along three axes: the root of a third of the 95 % quantile of chi squared, three degrees of freedom."""
-FACTOR_95_FLAT = 1.731
-"""The same of residuals seen from above, where no height is known: two degrees of freedom."""
+FACTOR_95, FACTOR_95_FLAT = (float(radius_95(np.eye(d)[None] / d)[0]) for d in (3, 2))
+"""From the RMS of lengths of residuals to the radius that holds 95 %, residuals being normal and alike along
+all axes: in space; and seen from above, where no height is known."""
 MANY_CHECK_POINTS = 20
 """The U.S. National Standard for Spatial Data Accuracy (FGDC-STD-007.3-1998) asks for as many."""
 

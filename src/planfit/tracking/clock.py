@@ -25,7 +25,7 @@ from planfit.tracking.trajectory import FrameTimes, interpolate_trajectory, join
 
 GRID = 0.25
 """Offsets tried, in frame intervals; half an interval is a whole number of them."""
-HALF = 2
+HALF = round(0.5 / GRID)
 """Of them, in half an interval."""
 RATE_GRID = GRID / 4
 """Between the rates that are tried, in frame intervals at the ends of the walk."""

@@ -44,13 +44,17 @@ from planfit.tracking.trajectory import (
     interpolation_sigmas,
     with_steps_of,
 )
-from planfit.tracking.types import Tracking, TrackingBreak, describe_jump, size_of, without_leaps
+from planfit.tracking.types import (
+    NOTED_FACTOR,
+    Tracking,
+    TrackingBreak,
+    describe_jump,
+    size_of,
+    without_leaps,
+)
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
-
-FUSE_ABOVE = 2.0
-"""Factor of its sigmas from which a tracker's poses are fused with the measured motions first."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -281,7 +285,7 @@ def _corrected(
     doubtful = filled.open_steps
     if options.mend:
         doubtful = np.union1d(doubtful, find_doubtful(poses, steps, motions))
-    if max(tracker.factors) >= FUSE_ABOVE:
+    if max(tracker.factors) >= NOTED_FACTOR:
         poses = fuse(poses, steps, motions)
         steps = with_steps_of(steps, poses)
     return poses, found, steps, doubtful

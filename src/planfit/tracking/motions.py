@@ -24,8 +24,6 @@ MAX_SIGMAS = SAME_MOTION_SIGMAS.value
 """Measured motions that depart by more (norm of six numbers) contradict the recorded ones."""
 MIN_MATCHES_ALONE = 50
 """A measured motion that no other one confirms needs as many matches to correct a step."""
-MIN_TOLD = 0.5
-"""Share of the motions that must lead over steps which say something, to be judged without the others."""
 FREEDOM = 6.0
 """Degrees of freedom of the t-distribution of departures: broken steps and false motions are far out in
 its tails, and hardly count."""
@@ -99,7 +97,7 @@ def over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) -
     """Motions that lead over recorded steps which say something; all, where these are less than half."""
     n_void = np.concatenate([[0], np.cumsum(~is_told)])
     over = n_void[motions.pairs[:, 1]] == n_void[motions.pairs[:, 0]]
-    return motions[np.flatnonzero(over)] if over.sum() >= MIN_TOLD * len(over) else motions
+    return motions[np.flatnonzero(over)] if 2 * over.sum() >= len(over) else motions
 
 
 def departures(

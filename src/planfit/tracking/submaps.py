@@ -16,6 +16,7 @@ from planfit.matching import Matches
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
+from planfit.priors import MIN_WITNESSES
 from planfit.scan.odometry import (
     LONG,
     USUAL_SHARE,
@@ -34,6 +35,7 @@ from planfit.tracking.breaks import (
     isotropic,
     votes_on,
 )
+from planfit.tracking.lost_runs import SAME
 from planfit.tracking.motions import (
     MAX_SIGMAS,
     MeasuredMotions,
@@ -50,11 +52,6 @@ from planfit.tracking.types import (
     size_of,
     submaps_of,
 )
-
-SAME = 1e-6
-"""Steps that differ by less were not changed."""
-MIN_VOTES = 3
-"""Revisits that must agree to place a submap."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +200,7 @@ def _merge_surest(
     merges = []
     for first, second in np.unique(ends[ends[:, 0] != ends[:, 1]], axis=0).tolist():
         of = (ends == (first, second)).all(axis=1)
-        if of.sum() < MIN_VOTES:
+        if of.sum() < MIN_WITNESSES:
             continue
         votes = votes_on(placed.poses, revisits[of], covariance[of], placed.group == second)
         merges += [
@@ -245,7 +242,7 @@ def _merge(votes: Votes, first: int, second: int) -> list[_Merge]:
         return []
     displaced, covariance = found
     agrees = votes.cost(displaced) < MAX_SIGMAS**2
-    if agrees.sum() < MIN_VOTES:
+    if agrees.sum() < MIN_WITNESSES:
         return []
     # Drift between the ends is shared by all votes, and no jump where it explains each of them.
     is_drift = bool(np.median(votes.cost(np.eye(4))[agrees]) < MAX_SIGMAS**2)

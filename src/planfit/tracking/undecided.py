@@ -11,10 +11,11 @@ import numpy as np
 
 from planfit.geometry import se3
 from planfit.matching import Matches
+from planfit.priors import MIN_WITNESSES
 from planfit.scan.odometry import unusualness, usual_step
 from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
 from planfit.tracking.motions import MAX_SIGMAS, expected_covariance
-from planfit.tracking.submaps import MIN_VOTES, motions_between
+from planfit.tracking.submaps import motions_between
 from planfit.tracking.types import Tracking, describe_jump
 
 
@@ -53,7 +54,7 @@ def _with_jump_at(
     poses, odometry = tracking.world_from_cams, tracking.odometry
     is_after = np.arange(len(poses)) > step
     motions = motions_between(matches, is_after.astype(int))
-    if len(motions) < MIN_VOTES:
+    if len(motions) < MIN_WITNESSES:
         return None
     votes = votes_on(poses, motions, expected_covariance(motions, odometry), is_after)
     agreed = consensus(votes, np.arange(len(motions)), MAX_SIGMAS)

@@ -15,8 +15,9 @@ from planfit.geometry.calibration import NOMINAL
 from planfit.lsq.covariance import factorised
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.priors import WALL_AS_BUILT_SIGMA_M
+from planfit.tracking import KeyframeOptions
 
-MIN_BASELINE_M = 0.25
+MIN_BASELINE_M = KeyframeOptions.max_step_m
 """What is usual between keyframes of a walk."""
 _LOOSE = 10.0
 """Standard deviations of shorter translations, times: what they alone hold remains held."""

@@ -17,9 +17,10 @@ from planfit.adjust.uncertainty.bundles import Bundles
 from planfit.adjust.uncertainty.error_model import DRAWN_SIGMA_M, ErrorModel
 from planfit.adjust.uncertainty.spreads import Clusters, shared_variance
 from planfit.floorplan import Floorplan
+from planfit.priors import WALL_MOVED_SHARE
 
-PRIOR_ODDS = 1.0 / 9.0
-"""That a wall was moved: of plans that are wrong at all, about one wall in ten."""
+PRIOR_ODDS = WALL_MOVED_SHARE.value / (1.0 - WALL_MOVED_SHARE.value)
+"""That a wall was moved."""
 LEAST_HELD = 1e-6
 """Share of a wall's own weight that must be left once poses have followed it, or nothing else sees where it
 is: of walls that alone hold a direction 1e-9 are left, which is rounding, of others 1e-3 and more."""

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from planfit.geometry import se3
 from planfit.matching import RelativePoses
 from planfit.matching.pairs import VISIT_FRAMES
-from planfit.tracking.submaps import MIN_VOTES
+from planfit.priors import MIN_WITNESSES
 
 MAX_TILT_DEG, MAX_LIFT_M = 8.0, 0.5
 """A scan that is levelled, floor at 0, does not stand tilted or higher by more: its own drift is less."""
@@ -65,7 +65,7 @@ def link_by_votes(
     is_possible = (weight > 0) & (cosine > np.cos(np.deg2rad(MAX_TILT_DEG)))
     if has_floors:
         is_possible &= np.abs(lift_m) < MAX_LIFT_M
-    if is_possible.sum() < MIN_VOTES:
+    if is_possible.sum() < MIN_WITNESSES:
         return None
     keep = np.flatnonzero(is_possible)
     runs = np.unique(found.pairs[keep] // RUN_FRAMES, axis=0, return_inverse=True)[1].ravel()
@@ -113,7 +113,7 @@ class _Votes:
         weight = self._weight(agrees)
         n_runs = len(np.unique(self.runs[agrees]))
         is_clear = weight > MIN_ADVANTAGE * max(others, default=0.0)
-        if agrees.sum() < MIN_VOTES or n_runs < MIN_RUNS or not is_clear:
+        if agrees.sum() < MIN_WITNESSES or n_runs < MIN_RUNS or not is_clear:
             return None
         if has_floors:
             place = place.copy()

@@ -9,13 +9,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.association import wall_patches_in_plan
-from planfit.adjust.moved_walls import MIN_PATCHES
 from planfit.as_built import AsBuilt, AsBuiltWall, Verdict
 from planfit.findings.finding import FEW_NAMED
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
-from planfit.priors import PATCH_TURN_MOST_DEG, WALL_AS_DRAWN_M
+from planfit.priors import MIN_WITNESSES, PATCH_TURN_MOST_DEG, WALL_AS_DRAWN_M
 from planfit.report.measures import Measures
 from planfit.report.plots import colors
 from planfit.report.plots.axes import BOTTOM_PT, LEGEND_PT, Axes, left_pt
@@ -139,7 +138,7 @@ def _scanned(
         own = facing > np.cos(np.deg2rad(PATCH_TURN_MOST_DEG.value))
         own &= np.abs(off_m - wall.offset_m) < WALL_AS_DRAWN_M.value
         own &= (along > 0) & (along < wall.length_m)
-        if own.sum() < MIN_PATCHES:
+        if own.sum() < MIN_WITNESSES:
             continue
         shown = patches.of(own)
         poses = result.plan_from_cams[shown.point_frame_idx]
