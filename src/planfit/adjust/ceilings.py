@@ -12,24 +12,24 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from planfit.adjust.competition import RIVAL_COST
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.geometry import se3
 from planfit.lsq.robust import loss_value
+from planfit.priors import MIN_WITNESSES
 from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 
-_BIN_M = 0.02
 TOLERANCE_M = 0.1
 """A frame belongs to a ceiling when the middle of its ceiling points is within this of it."""
 _MIN_SHARE = 0.1
 """Share of the frames with ceiling that a height needs."""
 _MAX_DRIFT_M = 1.0
 """Ceilings this far apart at most may be one, seen from poses whose height drifted."""
-_MIN_GAIN = 10.0
-"""Cost that is saved where they are one, at least: errors of the frames of one ceiling are not
-independent."""
+_MIN_GAIN = RIVAL_COST
+"""Cost that is saved where they are one, at least: errors of frames of one ceiling are not independent."""
 
 
 def find_ceilings(
@@ -68,18 +68,15 @@ def level_middles(
 
 def _common_heights(middle: np.ndarray) -> list[float]:
     """Heights m that many frames see, most frames first, apart by more than twice the tolerance."""
-    edges = np.arange(middle.min() - _BIN_M, middle.max() + 2 * _BIN_M, _BIN_M)
-    counts, _ = np.histogram(middle, edges)
-    centres = 0.5 * (edges[:-1] + edges[1:])
-    half = max(1, round(TOLERANCE_M / _BIN_M))
-    wide = np.convolve(counts, np.ones(2 * half + 1))[half:-half]
-    heights: list[float] = []
-    while wide.max() >= max(_MIN_SHARE * len(middle), 3):
-        centre = centres[int(np.argmax(wide))]
-        # Most of a window may lie at its edge: its middle would miss them.
-        within = np.abs(middle - centre) < (half + 0.5) * _BIN_M
-        heights.append(float(np.median(middle[within])))
-        wide[np.abs(centres - centre) < 2 * TOLERANCE_M] = 0
+    left, heights = np.sort(middle), []
+    while len(left):
+        ends = (np.searchsorted(left, left + by_m) for by_m in (TOLERANCE_M, -TOLERANCE_M))
+        counts = np.subtract(*ends)
+        if counts.max() < max(_MIN_SHARE * len(middle), MIN_WITNESSES):
+            break
+        off_m = np.abs(left - left[np.argmax(counts)])
+        heights.append(float(np.median(left[off_m <= TOLERANCE_M])))
+        left = left[off_m >= 2 * TOLERANCE_M]
     return heights
 
 

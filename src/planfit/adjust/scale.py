@@ -5,8 +5,9 @@ poses are adjusted, the faces may leave their common thickness, together with th
 has no unit, with its scale: thick walls leave rooms too small, and so does a wrong scale.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float
@@ -28,7 +29,7 @@ STEP = 0.003
 same wall patches find the same faces."""
 FLAT = 1e-9
 """Of costs, whose bowl has no bottom where it bends by less."""
-MAX_MOVES = 3
+MAX_MOVES = 5
 """Windows that are tried where the bowl's bottom lies outside."""
 _HALF_SIGMA_M = WALL_THICKNESS_SIGMA_M.value / 2
 """Of half the thickness of walls of one building."""
@@ -59,8 +60,6 @@ class ScaleRefit:
     factor: float
     sigma: float
     """Standard deviation of the factor, as a share; infinite where no bottom was found."""
-    n_adjustments: int
-    """Adjustments to the plan it took."""
 
 
 def refit_scale(
@@ -77,32 +76,34 @@ def refit_scale(
         plan_from_cams: poses aligned with it, loops closed.
         options: of the adjustment.
     """
-    cost_at: dict[int, float] = {}
     # Costs at several scales compare where all start alike and walls stand as drawn.
     quick = replace(options, starts=("aligned",), finds_moved_walls=False)
 
     def cost(step: int) -> float:
-        if step not in cost_at:
-            factor = float(np.exp(step * STEP))
-            poses = about_middle(plan_from_cams, factor)
-            adjusted = adjust_to_plan(measurements, floorplan.scaled(factor), poses, quick)
-            cost_at[step] = _cost(measurements, adjusted, options)
-        return cost_at[step]
+        factor = float(np.exp(step * STEP))
+        poses = about_middle(plan_from_cams, factor)
+        adjusted = adjust_to_plan(measurements, floorplan.scaled(factor), poses, quick)
+        return _cost(measurements, adjusted, options)
 
-    centre = 0
-    for _ in range(MAX_MOVES):
-        low, here, high = (cost(centre + k) for k in (-1, 0, 1))
-        if here <= min(low, high):
-            break
-        centre += 1 if high < low else -1
-    low, here, high = (cost(centre + k) for k in (-1, 0, 1))
-    curvature = low + high - 2 * here
-    if here > min(low, high) or curvature <= FLAT:
-        return ScaleRefit(1.0, float("inf"), len(cost_at))
-    bottom = centre + 0.5 * (low - high) / curvature
+    bottom, curvature = bottom_of_bowl(cost)
+    if curvature == 0.0:
+        return ScaleRefit(1.0, float("inf"))
     # A robust cost is a sum of squares, near enough: it rises by one at one sigma from the bottom.
-    sigma = STEP * float(np.sqrt(2.0 / curvature))
-    return ScaleRefit(float(np.exp(bottom * STEP)), sigma, len(cost_at))
+    return ScaleRefit(float(np.exp(bottom * STEP)), STEP * float(np.sqrt(2.0 / curvature)))
+
+
+def bottom_of_bowl(cost: Callable[[int], float]) -> tuple[float, float]:
+    """Where a cost that is known at whole steps is least, by the parabola through the three lowest, and how
+    it bends there: both 0 where no bottom is found."""
+    cost_at, centre = cache(cost), 0
+    for _ in range(MAX_MOVES + 1):
+        low, here, high = (cost_at(centre + k) for k in (-1, 0, 1))
+        curvature = low + high - 2 * here
+        if here <= min(low, high):
+            is_bent = curvature > FLAT
+            return (centre + 0.5 * (low - high) / curvature, curvature) if is_bent else (0.0, 0.0)
+        centre += 1 if high < low else -1
+    return 0.0, 0.0
 
 
 def cost_on_plan(

@@ -157,16 +157,7 @@ class Matches:
 
     def of_pairs(self, keep: Bool[np.ndarray, " p"]) -> "Matches":
         """Those of some pairs."""
-        keep_match = np.repeat(keep, np.diff(self.start))
-        return replace(
-            self,
-            pairs=self.pairs[keep],
-            start=np.cumsum([0, *np.diff(self.start)[keep]]),
-            points_a=self.points_a[keep_match],
-            points_b=self.points_b[keep_match],
-            sigma=self.sigma[keep_match],
-            explained=None if self.explained is None else self.explained[keep],
-        )
+        return self.taken(np.flatnonzero(keep))
 
     def taken(self, idx: Int[np.ndarray, " k"]) -> "Matches":
         """Those of the pairs `idx` (increasing), which cost no look at all the others."""

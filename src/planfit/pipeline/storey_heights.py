@@ -32,7 +32,7 @@ from planfit.adjust.floor_pieces import (
     set_upright,
 )
 from planfit.adjust.keyframes import follow_keyframes
-from planfit.adjust.scale import FLAT
+from planfit.adjust.scale import bottom_of_bowl
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.prepare import PreparedScan, prepare
@@ -49,11 +49,6 @@ from planfit.segmentation.storeys import MAX_DRIFT_M
 
 STEP_M = 0.1
 """Heights are tried this far apart."""
-MAX_MOVES = 4
-"""Times that the bowl's bottom is looked for further on."""
-MAX_MOVE_M = 0.5
-"""Further than this it is not taken from one bowl: robust losses level off."""
-
 MIN_GAIN, MAX_STRAIN = 10.0, 15.0
 """Cost that one floor saves, at least, and that it adds to matches and recorded motion, at most. On ConSLAM
 with three and six times its drift, where storeys are false: saved 2,500 to 3,700, added -240 to 5. On five
@@ -126,19 +121,9 @@ def refit_floors(
     for k in range(1, len(floors_m)):
         # A storey and all above it: what moves is the climb from the storey below.
         above = (np.arange(len(floors_m)) >= k).astype(float)
-        for _ in range(MAX_MOVES):
-            low, here, high = (
-                cost(refitted_m + step * STEP_M * above) for step in (-1.0, 0.0, 1.0)
-            )
-            curvature = low + high - 2 * here
-            if curvature <= FLAT:
-                break  # nothing measures the climb
-            move_m = float(
-                np.clip(0.5 * STEP_M * (low - high) / curvature, -MAX_MOVE_M, MAX_MOVE_M)
-            )
-            refitted_m = refitted_m + move_m * above
-            if abs(move_m) < STEP_M:
-                break
+        step_m = STEP_M * above
+        steps, _ = bottom_of_bowl(lambda n, at=refitted_m, by=step_m: cost(at + n * by))
+        refitted_m = refitted_m + steps * step_m
     return refitted_m
 
 

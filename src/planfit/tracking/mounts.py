@@ -10,19 +10,20 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from planfit.geometry import se3
+from planfit.lsq.pose_terms import PosePriorTerm
+from planfit.lsq.problem import Problem
+from planfit.lsq.residual_term import ResidualTerm
+from planfit.lsq.robust import Loss, LossKind
+from planfit.lsq.solver import SolverOptions
 from planfit.priors import MOUNT_ARM_SIGMA_M
 from planfit.scan.odometry import Odometry
-from planfit.tracking.motions import FREEDOM, MeasuredMotions, departures, expected_covariance
+from planfit.tracking.motions import FREEDOM, MeasuredMotions, expected_covariance
 
 PREFIX = "mount:"
 """Of the convention's name, before roll, pitch and yaw (degrees) of the camera's axes in those of the body,
 and x, y and z (m) of the camera there, with slashes between."""
-ROUNDS, SETTLED = 30, 1e-6
-"""Steps of the least squares at most, and the step (rad, m) that is none."""
 MOTIONS_OF_STARTS = 200
 """That tell which start leads furthest down."""
-DIFFERENCE = 1e-6
-"""Of rad and m, by which derivatives are taken."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -110,34 +111,20 @@ def _fitted(
     motions: MeasuredMotions,
     whitener: Float[np.ndarray, "p 6 6"],
 ) -> tuple[Float[np.ndarray, "4 4"], float]:
-    """body_from_cam from a start on, and its cost: twice the negative logarithm of its likelihood."""
+    """body_from_cam from a start on, and its cost, a negative log likelihood."""
+    i, j = motions.pairs.T
+    of_body = se3.inverse(poses[i]) @ poses[j]
 
-    def whitened(mount: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "p 6"]:
-        return np.einsum("pij,pj->pi", whitener, departures(motions, poses @ mount))
+    def residual(mounts: Float[np.ndarray, "p 1 4 4"]) -> Float[np.ndarray, "p 6"]:
+        of_cam = se3.inverse(mounts[:, 0]) @ of_body @ mounts[:, 0]
+        return np.einsum("pij,pj->pi", whitener, se3.difference(motions.a_from_b, of_cam))
 
-    def cost(mount: Float[np.ndarray, "4 4"], residual: Float[np.ndarray, "p 6"]) -> float:
-        tail = (FREEDOM + 6.0) * np.log1p(np.sum(residual**2, axis=1) / FREEDOM)
-        return float(np.sum(tail) + np.sum((mount[:3, 3] / sigma) ** 2))
-
-    sigma, mount = MOUNT_ARM_SIGMA_M.value, start
-    residual = whitened(mount)
-    lowest, damping = cost(mount, residual), 1e-3
-    for _ in range(ROUNDS):
-        moved = [whitened(se3.retract(mount, DIFFERENCE * axis)) for axis in np.eye(6)]
-        slopes = np.stack([(each - residual) / DIFFERENCE for each in moved], axis=2)
-        weight = (FREEDOM + 6.0) / (FREEDOM + np.sum(residual**2, axis=1))
-        normal = np.einsum("p,pia,pib->ab", weight, slopes, slopes)
-        gradient = np.einsum("p,pia,pi->a", weight, slopes, residual)
-        normal[3:, 3:] += np.eye(3) / sigma**2
-        gradient[3:] += mount[:3, 3] / sigma**2
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-        tried = se3.retract(mount, step)
-        after = whitened(tried)
-        now = cost(tried, after)
-        if now <= lowest:
-            mount, residual, lowest, damping = tried, after, now, damping / 10
-        else:
-            damping *= 10
-        if np.abs(step).max() < SETTLED:
-            break
-    return mount, lowest
+    # The t-distribution's tails are Cauchy's loss.
+    tails, weight = Loss(LossKind.CAUCHY, float(np.sqrt(FREEDOM))), (FREEDOM + 6.0) / FREEDOM
+    of_motions = ResidualTerm(np.zeros((len(i), 1), int), residual, loss=tails, weight=weight)
+    of_arm = PosePriorTerm(
+        np.array([0]), np.eye(4)[None], np.repeat([np.inf, MOUNT_ARM_SIGMA_M.value], 3)
+    )
+    solution = Problem([of_motions, of_arm], start[None]).solve(SolverOptions(cost_tolerance=1e-9))
+    cost = sum(each.after for each in solution.cost_by_term.values())
+    return solution.target_from_cams[0], cost

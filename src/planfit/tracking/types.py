@@ -175,7 +175,7 @@ LEAP_CHANGED = 0.5
 """Where a recording paused it may be right, and is recorded: what departs from the recorded step by more than
 this share of it is none of a pause."""
 NOTED_FACTOR = 2.0
-"""A tracker that errs by more than this factor is worth a note, and its poses are fused with measured ones."""
+"""A tracker that errs by more than this factor is worth a note, and its poses are fused with those."""
 
 
 def leaps(

@@ -6,6 +6,7 @@ derivatives by the sensor's parameters (`planfit.adjust.calibration`) both start
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -26,6 +27,8 @@ from planfit.lsq.torch_moments import (
     plane_moments_on,
 )
 from planfit.runtime import let_go
+
+Groups = TypeVar("Groups", "PlaneGroups", "PairGroups")
 
 
 @dataclass(frozen=True)
@@ -71,19 +74,7 @@ class PlaneGroups:
 
     def in_parts(self) -> Iterator[tuple[slice, "PlaneGroups"]]:
         """Some groups at a time, and which."""
-        for of in se3.groups_in_parts(self.start):
-            first, last = self.start[of.start], self.start[of.stop]
-            yield (
-                of,
-                replace(
-                    self,
-                    points_cam=self.points_cam[first:last],
-                    start=self.start[of.start : of.stop + 1] - first,
-                    pose_idx=self.pose_idx[of],
-                    planes=self.planes[of],
-                    weight_per_point=self.weight_per_point[of],
-                ),
-            )
+        return _in_parts(self, ("points_cam",), ("pose_idx", "planes", "weight_per_point"))
 
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances of the points from their planes."""
@@ -128,20 +119,8 @@ class PairGroups:
 
     def in_parts(self) -> Iterator[tuple[slice, "PairGroups"]]:
         """Some pairs at a time, and which."""
-        for of in se3.groups_in_parts(self.start):
-            first, last = self.start[of.start], self.start[of.stop]
-            yield (
-                of,
-                replace(
-                    self,
-                    points_a=self.points_a[first:last],
-                    points_b=self.points_b[first:last],
-                    sigma_m=self.sigma_m[first:last],
-                    start=self.start[of.start : of.stop + 1] - first,
-                    pairs=self.pairs[of],
-                    weight_per_point=self.weight_per_point[of],
-                ),
-            )
+        by_point = ("points_a", "points_b", "sigma_m")
+        return _in_parts(self, by_point, ("pairs", "weight_per_point"))
 
     def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
         """Squared distances between the points of each match, in the frame of the first camera."""
@@ -154,3 +133,14 @@ class PairGroups:
             variance = self.sigma_m[part].astype(float) ** 2
             in_sigmas = np.sum(apart**2, axis=1) / variance
             yield Squares(part, in_sigmas, self.weight_per_point[pair] / variance)
+
+
+def _in_parts(
+    groups: Groups, by_point: tuple[str, ...], by_group: tuple[str, ...]
+) -> Iterator[tuple[slice, Groups]]:
+    """Some groups at a time, and which; fields that have a row a point, and those that have one a group."""
+    for of in se3.groups_in_parts(groups.start):
+        first, last = groups.start[of.start], groups.start[of.stop]
+        cut = {name: getattr(groups, name)[first:last] for name in by_point}
+        cut |= {name: getattr(groups, name)[of] for name in by_group}
+        yield of, replace(groups, start=groups.start[of.start : of.stop + 1] - first, **cut)
