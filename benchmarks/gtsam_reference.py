@@ -38,9 +38,8 @@ from gtsam.symbol_shorthand import X
 from problems import Problem
 
 from planfit.adjust.terms import observation_models
+from planfit.adjust.terms.between import OdometryTerm, PointTerm
 from planfit.adjust.terms.levels import FLOOR_PLANE, floor_term
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.walls import WallTerm, face_planes
 from planfit.geometry import se3
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose

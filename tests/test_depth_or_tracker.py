@@ -25,7 +25,7 @@ from planfit.pipeline.depth_or_tracker import (
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking import Tracking, judge_tracking, measured_motions
 from planfit.tracking.conventions import ConventionFit
-from planfit.tracking.mounts import mount_named
+from planfit.tracking.numbered import mount_named
 from planfit.tracking.types import TrackingBreak
 
 OPTIONS = RefineOptions().with_("odometry.sigma_base_m", 0.002).with_("odometry.sigma_per_m", 0.005)

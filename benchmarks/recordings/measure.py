@@ -33,7 +33,7 @@ from planfit.tracking import (
     surface_motions,
 )
 from planfit.tracking.motions import MeasuredMotions
-from planfit.tracking.mounts import mount_of
+from planfit.tracking.numbered import mount_of
 from recordings.cases import (
     CLOCK_FAULTS,
     CLOCKS,

@@ -21,8 +21,8 @@ from planfit.adjust.association import Association, AssociationOptions, associat
 from planfit.adjust.options import TermOptions
 from planfit.adjust.paper.descent import DescentSchedule, DescentStop, PaperWeights
 from planfit.adjust.terms import observation_models
+from planfit.adjust.terms.between import OdometryTerm
 from planfit.adjust.terms.observation_models import ODOMETRY, WALLS
-from planfit.adjust.terms.odometry import OdometryTerm
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.bounded import Allowance

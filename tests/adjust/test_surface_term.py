@@ -10,8 +10,8 @@ from builders import gradient_by_differences, make_world, nudged, random_transfo
 from planfit.adjust import AdjustOptions, build_problem, hold_to_keyframes, reduce_measurements
 from planfit.adjust.options import TermOptions
 from planfit.adjust.paper.preset import paper_options
+from planfit.adjust.terms.between import SurfaceTerm
 from planfit.adjust.terms.observation_models import SURFACES
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.errors import OptionError, ScanError
 from planfit.geometry import se3
 from planfit.lsq.robust import SQUARES

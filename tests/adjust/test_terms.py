@@ -15,6 +15,7 @@ from builders import (
     random_transforms,
 )
 from planfit.adjust.association import Association, AssociationOptions, associate
+from planfit.adjust.terms.between import OdometryTerm, PointTerm
 from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.observation_models import (
     FLOOR,
@@ -23,8 +24,6 @@ from planfit.adjust.terms.observation_models import (
     WALLS,
     ObservationModel,
 )
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.lsq.normal_equations import NormalEquations

@@ -19,9 +19,9 @@ from builders import (
     room_plan,
     twin_nearest,
 )
+from planfit.adjust.terms.between import PointTerm
 from planfit.adjust.terms.nearest import NearestTerm
 from planfit.adjust.terms.observation_models import POINTS, WALLS
-from planfit.adjust.terms.points import PointTerm
 from planfit.errors import OptionError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from builders import room_plan
 from planfit.alignment import AlignOptions, ControlPoint, read_control_points
-from planfit.alignment.control_points import fit_control_points, parse_start
+from planfit.alignment.options import fit_control_points, parse_start
 from planfit.errors import OptionError
 from planfit.floorplan import PlanSource
 from planfit.geometry import se3

@@ -7,8 +7,8 @@ from virtual_points import virtual_matches, virtual_points
 
 from builders import make_world, nudged, random_transforms
 from facing import with_noise
+from planfit.adjust.terms.between import PointTerm
 from planfit.adjust.terms.observation_models import POINTS
-from planfit.adjust.terms.points import PointTerm
 from planfit.geometry import se3
 
 

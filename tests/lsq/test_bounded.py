@@ -10,9 +10,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from builders import gradient_by_differences, make_world, nudged, room_plan
 from facing import drifted, facing_cameras, facing_matches, facing_poses, with_noise, with_outliers
 from planfit.adjust.association import AssociationOptions, associate
+from planfit.adjust.terms.between import PointTerm
 from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.observation_models import FLOOR, POINTS, REPROJECTION, WALLS
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import least_squares
 
 from builders import make_matches, make_world, nudged, position_rms_m, random_transforms
+from planfit.adjust.terms.between import PointTerm
 from planfit.adjust.terms.observation_models import POINTS
-from planfit.adjust.terms.points import PointTerm
 from planfit.geometry import se3
 from planfit.lsq import solver
 from planfit.lsq.blocks import NormalBlocks

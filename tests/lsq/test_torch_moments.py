@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from builders import make_world, nudged
 from planfit.adjust import AdjustOptions, adjust_to_plan
+from planfit.adjust.terms.between import PointTerm
 from planfit.adjust.terms.levels import floor_term
 from planfit.adjust.terms.observation_models import FLOOR, POINTS, WALLS
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import OptionError
 from planfit.lsq import torch_moments

@@ -19,8 +19,7 @@ from planfit.tracking.conventions import (
     apply_convention,
     best_convention,
 )
-from planfit.tracking.mounts import mount_of
-from planfit.tracking.pose_units import unit_by_motions
+from planfit.tracking.numbered import mount_of, unit_by_motions
 
 FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 OPTICAL = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])

@@ -8,8 +8,9 @@ from measured_walk import LAP, displaced, measure, three_laps
 
 from builders import make_matches
 from planfit.geometry import se3
+from planfit.pipeline.jumps import jump_hypotheses
 from planfit.scan.odometry import OdometryOptions
-from planfit.tracking import TrackingOptions, judge_tracking, jump_hypotheses
+from planfit.tracking import TrackingOptions, judge_tracking
 
 
 @pytest.fixture

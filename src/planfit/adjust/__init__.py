@@ -3,7 +3,6 @@
 from planfit.adjust.association import PlanCorrespondences as PlanCorrespondences
 from planfit.adjust.competition import Competition as Competition
 from planfit.adjust.competition import Rival as Rival
-from planfit.adjust.extra_terms import check_extra_terms as check_extra_terms
 from planfit.adjust.keyframes import Keyframes as Keyframes
 from planfit.adjust.keyframes import follow_keyframes as follow_keyframes
 from planfit.adjust.keyframes import hold_to_keyframes as hold_to_keyframes
@@ -13,6 +12,7 @@ from planfit.adjust.measurements import Measurements as Measurements
 from planfit.adjust.moved_walls import MovedWall as MovedWall
 from planfit.adjust.moved_walls import moved_wall_findings as moved_wall_findings
 from planfit.adjust.options import AdjustOptions as AdjustOptions
+from planfit.adjust.options import check_extra_terms as check_extra_terms
 from planfit.adjust.paper.descent import PaperWeights as PaperWeights
 from planfit.adjust.paper.preset import paper_options as paper_options
 from planfit.adjust.problem import AdjustmentProblem as AdjustmentProblem

@@ -1,5 +1,6 @@
 """Everything that can be chosen about the bundle adjustment."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -7,6 +8,7 @@ from planfit.adjust.association import AssociationOptions
 from planfit.adjust.terms.observation_models import PAPER, ROBUST, ObservationModel, TermName
 from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.lsq.solver import SolverOptions
+from planfit.lsq.term import Term
 
 START_NAMES = ("aligned", "vote", "reach", "wide")
 """Of `AdjustOptions.starts`."""
@@ -153,3 +155,22 @@ class AdjustOptions:
         geometric = getattr(self, self.geometric).weight
         others = (self.floor, self.ceiling, self.walls, self.columns, self.odometry, self.surfaces)
         return geometric, *(options.weight for options in others)
+
+
+def check_extra_terms(
+    extra: Sequence[Term], options: AdjustOptions, n_keyframes: int | None
+) -> None:
+    """Raise unless an adjustment can take terms of the user's own; None keyframes: all frames are unknowns.
+
+    Raises:
+        OptionError: the method minimises another cost, or only keyframes are unknowns.
+    """
+    if extra and options.method == "sgd":
+        raise OptionError(
+            "adjust.method: gradient descent minimises the paper's cost only; use lm with extra terms"
+        )
+    if extra and n_keyframes is not None:
+        raise OptionError(
+            "extra_terms: expected all frames as unknowns, as such terms may name any frame, found "
+            f"{n_keyframes} keyframes; raise keyframes.min_frames above the scan's frames"
+        )

@@ -12,10 +12,9 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust.association import Association, PlanCorrespondences
-from planfit.adjust.extra_terms import require_extra_terms_to_work
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.moved_walls import MOVED_SIGMA_M
-from planfit.adjust.options import AdjustOptions
+from planfit.adjust.options import AdjustOptions, check_extra_terms
 from planfit.adjust.paper.descent import PAPER_SCHEDULE, PaperWeights, descend
 from planfit.adjust.rigid_motion import hold_whole
 from planfit.adjust.scan_terms import (
@@ -25,15 +24,13 @@ from planfit.adjust.scan_terms import (
     odometry_term,
     surfaces_term,
 )
+from planfit.adjust.terms.between import OdometryTerm, PointTerm, SurfaceTerm
 from planfit.adjust.terms.control import control_term
 from planfit.adjust.terms.levels import LevelTerm
 from planfit.adjust.terms.nearest import NearestTerm
 from planfit.adjust.terms.observation_models import PAPER_ROUNDING_M
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.wall_offsets import (
     OffsetWallTerm,
     offset_prior,
@@ -42,6 +39,7 @@ from planfit.adjust.terms.wall_offsets import (
     with_offsets,
 )
 from planfit.adjust.terms.walls import WallTerm
+from planfit.errors import require
 from planfit.floorplan import Floorplan
 from planfit.lsq.bounded import Allowance, solve_bounded
 from planfit.lsq.pose_terms import PosePriorTerm
@@ -235,8 +233,17 @@ def build_problem(
     )
     if correspondences is not None:
         problem = _with_plan(problem, correspondences)
-    names, is_reduced = [term.name for term in problem.terms], measurements.frame_idx is not None
-    require_extra_terms_to_work(extra, names, target_from_cams, options, is_reduced)
+    # Terms of the user's own may name all unknowns, but for face offsets behind the poses.
+    check_extra_terms(
+        extra, options, problem.n_cams if measurements.frame_idx is not None else None
+    )
+    Problem(extra, target_from_cams)  # checks what every problem of the engine must be
+    names = [term.name for term in problem.terms]
+    shared = next((term.name for term in extra if names.count(term.name) > 1), None)
+    require(
+        shared is None,
+        f"extra_terms: expected a name that no other term has, found {shared!r}",
+    )
     is_held = problem.walls is not None or problem.columns is not None
     if not is_held and not hold_whole([*_present(problem.control), *extra], target_from_cams):
         problem = replace(problem, gauge=_gauge_prior(target_from_cams, problem.floor is not None))

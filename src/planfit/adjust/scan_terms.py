@@ -6,13 +6,11 @@ import numpy as np
 
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
+from planfit.adjust.terms.between import OdometryTerm, PointTerm, SurfaceTerm
 from planfit.adjust.terms.levels import LevelTerm, floor_term
 from planfit.adjust.terms.observation_models import POINTS
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.rays import RayTerm
 from planfit.adjust.terms.reprojection import ReprojectionTerm
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.lsq.robust import SQUARES
 
 

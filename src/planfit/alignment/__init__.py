@@ -6,11 +6,11 @@ from planfit.alignment.align import Alignment as Alignment
 from planfit.alignment.align import OtherScale as OtherScale
 from planfit.alignment.align import align as align
 from planfit.alignment.align import is_clearly_better as is_clearly_better
-from planfit.alignment.control_points import ControlPoint as ControlPoint
-from planfit.alignment.control_points import read_control_points as read_control_points
 from planfit.alignment.evidence import PlanEvidence as PlanEvidence
 from planfit.alignment.evidence import plan_evidence as plan_evidence
 from planfit.alignment.options import AlignOptions as AlignOptions
+from planfit.alignment.options import ControlPoint as ControlPoint
+from planfit.alignment.options import read_control_points as read_control_points
 from planfit.alignment.paper import align_paper as align_paper
 from planfit.alignment.plan_scale import LOOK_WITHIN as LOOK_WITHIN
 from planfit.alignment.plan_scale import find_plan_scale as find_plan_scale

@@ -10,10 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.alignment.control_points import ControlPoint, fit_control_points, parse_start
 from planfit.alignment.evidence import PlanEvidence, evidence_findings, plan_evidence, with_way
 from planfit.alignment.nonrigid import refine_nonrigid
-from planfit.alignment.options import AlignOptions
+from planfit.alignment.options import AlignOptions, ControlPoint, fit_control_points, parse_start
 from planfit.alignment.refine import (
     AlignmentHypothesis,
     RefineSteps,

@@ -18,8 +18,7 @@ from planfit.alignment.align import (
     align,
     align_within,
 )
-from planfit.alignment.control_points import ControlPoint
-from planfit.alignment.options import AlignOptions
+from planfit.alignment.options import AlignOptions, ControlPoint
 from planfit.alignment.refine import AlignmentHypothesis, RefineSteps, refine_hypothesis
 from planfit.alignment.selection import MIN_MARGIN, MIN_SCORE
 from planfit.alignment.wall_samples import WallSamples, thin

@@ -136,7 +136,7 @@ def accept_between(
     """
     if within.explained is None:
         within = replace(within, explained=np.ones(len(within)))
-    edges = found.relative_poses.joined(within)
+    edges = found.relative_poses.then(within)
     is_accepted = cycle_consistent(edges, joined_from_cams, odometry)
     accepted = found.where(is_accepted[: len(found)])
     return matches_of(accepted, len(accepted), 0)

@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
 from planfit.matching.pair_kernels import covisible_share
+from planfit.matching.types import Rows
 
 N_POINTS = 24
 """Points of each frame; a share of 24 is known to a tenth, and drift spoils more than that."""
@@ -22,17 +23,13 @@ MARGIN = 0.15
 
 
 @dataclass(frozen=True)
-class ViewSamples:
+class ViewSamples(Rows):
     """A few points that each frame shows."""
 
     points_cam: Float[np.ndarray, "n s 3"]
     """m, camera frame; NaN where a frame has fewer."""
     bounds: Float[np.ndarray, "n 2 2"]
     """Smallest and largest x / z, and y / z, that a frame shows."""
-
-    def __getitem__(self, idx: Int[np.ndarray, " k"]) -> "ViewSamples":
-        """Those of some frames."""
-        return ViewSamples(self.points_cam[idx], self.bounds[idx])
 
     def covisibility(
         self, world_from_cams: Float[np.ndarray, "n 4 4"], pairs: Int[np.ndarray, "p 2"]

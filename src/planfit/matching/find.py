@@ -83,7 +83,7 @@ def search_matches(
     if tentative.propose is not None:
         told = found.relative_poses[is_accepted]
         if certain is not None:
-            told = replace(told, explained=None).joined(certain)
+            told = replace(told, explained=None).then(certain)
         proposed = tentative.propose(told)
         found = _compared(found.joined(verified(proposed, "more pairs")), seen, options)
         is_accepted = accepted(found)

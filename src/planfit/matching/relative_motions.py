@@ -41,7 +41,7 @@ class VerifiedPairs:
 
     def joined(self, other: "VerifiedPairs") -> "VerifiedPairs":
         """These and those of `other`, sorted by pair."""
-        both = self.relative_poses.joined(other.relative_poses)
+        both = self.relative_poses.then(other.relative_poses)
         order = np.lexsort((both.pairs[:, 1], both.pairs[:, 0]))
         points_a, points_b = self.points_a + other.points_a, self.points_b + other.points_b
         return VerifiedPairs(

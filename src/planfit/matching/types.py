@@ -1,7 +1,8 @@
 """What matching hands on: keypoints of a frame, relative poses of pairs, matches of a scan."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, Shaped, UInt8
@@ -79,12 +80,56 @@ class KeptKeypoints:
         return Keypoints(self.uv, self.points_cam, self.scores, descriptors, self.sharpness)
 
 
+Own = TypeVar("Own", bound="Rows")
+OfPairs = TypeVar("OfPairs", bound="PairRows")
+
+
+class Rows:
+    """Of a dataclass whose fields are arrays with a row for each thing; None where nothing is known."""
+
+    def _columns(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(cast(Any, self))}
+
+    def __len__(self) -> int:
+        return len(next(iter(self._columns().values())))
+
+    def __getitem__(self: Own, idx: Shaped[np.ndarray, " k"]) -> Own:
+        """Those that an index or a mask takes."""
+        columns = self._columns().items()
+        return type(self)(**{name: None if rows is None else rows[idx] for name, rows in columns})
+
+    def then(self: Own, other: Own) -> Own:
+        """These, then those of `other`; what is known of both."""
+        both = [(name, rows, getattr(other, name)) for name, rows in self._columns().items()]
+        return type(self)(
+            **{
+                name: None if a is None or b is None else np.concatenate([a, b])
+                for name, a, b in both
+            }
+        )
+
+
+class PairRows(Rows):
+    """Rows that are sorted by pair of frames."""
+
+    pairs: Int[np.ndarray, "p 2"]
+
+    def joined(self: OfPairs, other: OfPairs) -> OfPairs:
+        """These and those of `other`, sorted; a pair that both have stands twice."""
+        both = self.then(other)
+        return both[np.lexsort((both.pairs[:, 1], both.pairs[:, 0]))]
+
+    def numbered(self: OfPairs, frame_idx: Int[np.ndarray, " k"]) -> OfPairs:
+        """The same of a scan whose frames `frame_idx` these are."""
+        return type(self)(**{**self._columns(), "pairs": frame_idx[self.pairs]})
+
+
 Matcher = Callable[[Keypoints, Keypoints, tuple[int, int], tuple[int, int]], Int[np.ndarray, "m 2"]]
 """Tentative matches of two frames' keypoints, given width and height of both images in px."""
 
 
 @dataclass(frozen=True)
-class RelativePoses:
+class RelativePoses(Rows):
     """Edges of the pose graph: verified motions between frames, consecutive ones and loop closures."""
 
     pairs: Int[np.ndarray, "p 2"]
@@ -97,26 +142,6 @@ class RelativePoses:
     """How much of both views each explains (`view_agreement.py`); None where views were not compared."""
 
     __repr__ = short_repr
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "RelativePoses":
-        """Those that an index or a mask takes."""
-        explained = None if self.explained is None else self.explained[idx]
-        return RelativePoses(self.pairs[idx], self.a_from_b[idx], self.n_inliers[idx], explained)
-
-    def joined(self, other: "RelativePoses") -> "RelativePoses":
-        """These, then those of `other`."""
-        explained = None
-        if self.explained is not None and other.explained is not None:
-            explained = np.concatenate([self.explained, other.explained])
-        return RelativePoses(
-            np.concatenate([self.pairs, other.pairs]),
-            np.concatenate([self.a_from_b, other.a_from_b]),
-            np.concatenate([self.n_inliers, other.n_inliers]),
-            explained,
-        )
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,7 @@ from planfit.alignment import (
     thickness_finding,
 )
 from planfit.alignment import align as search_alignment
-from planfit.alignment.control_points import ControlPoint
-from planfit.alignment.options import AlignOptions, RecordedAxes
+from planfit.alignment.options import AlignOptions, ControlPoint, RecordedAxes
 from planfit.alignment.plan_scale import BETTER_SCORE
 from planfit.alignment.selection import MIN_SCORE
 from planfit.alignment.wall_thickness import THINNEST_M
@@ -47,7 +46,7 @@ from planfit.pipeline.storey_heights import settle_floors
 from planfit.runtime import Runtime, StageTimer, short_repr
 from planfit.scan import Scan
 from planfit.segmentation import Structure
-from planfit.tracking.pose_units import MIN_DEPARTURE
+from planfit.tracking.numbered import MIN_DEPARTURE
 
 UNKNOWN_SCALE_SIGMA = 0.05
 """Of a plan's scale that was searched, or found off: walls then say nothing of the metre. And of recorded

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.adjust import follow_keyframes
-from planfit.alignment.control_points import (
+from planfit.alignment.options import (
     ControlPoint,
     disagreement_hint,
     read_control_points,

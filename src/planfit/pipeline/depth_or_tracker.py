@@ -22,7 +22,7 @@ from planfit.pipeline.options import RefineOptions
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import no_structure
 from planfit.tracking import Tracking, in_metres
-from planfit.tracking.mounts import mount_of
+from planfit.tracking.numbered import mount_of
 
 CLEARLY = 0.8
 """A tracker that errs by so much less once depth is corrected was not what erred."""

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.alignment import Alignment, is_clearly_better, read_control_points
-from planfit.alignment.control_points import ControlPoint
+from planfit.alignment.options import ControlPoint
 from planfit.alignment.selection import SameWithin
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan

@@ -15,7 +15,7 @@ from planfit.adjust import build_problem
 from planfit.adjust.terms.control import ControlMarks
 from planfit.alignment import SETTLED_BY_POINTS
 from planfit.alignment.align import FULL_SAMPLES
-from planfit.alignment.control_points import ControlPoint
+from planfit.alignment.options import ControlPoint
 from planfit.alignment.refine import AlignmentHypothesis, explained
 from planfit.alignment.wall_samples import thin
 from planfit.errors import OptionError

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.errors import require_positive
 from planfit.findings import Finding, PoseKind
 from planfit.priors import CLEAR_ODDS, CLOCK_RATE_SHARE, SURE_SIGMAS
 from planfit.scan.odometry import OdometryOptions, make_odometry
@@ -20,7 +21,6 @@ from planfit.tracking.motions import (
     expected_covariance,
     noise_factors,
 )
-from planfit.tracking.options import TrackingOptions
 from planfit.tracking.trajectory import FrameTimes, interpolate_trajectory, joined_frames
 
 GRID = 0.25
@@ -51,6 +51,24 @@ INTERPOLATION_SIGMA = 0.03
 best offset is drawn to whole frames in all stretches alike: 0.90 was found as 0.97 of a walk with corners."""
 
 Poses = Float[np.ndarray, "n 4 4"]
+
+
+@dataclass(frozen=True)
+class TrackingOptions:
+    """When recorded motion is not believed, and what takes its place."""
+
+    is_judged: bool = True
+    """Whether the recorded motion is compared with motions that neighbouring images and their depth give."""
+    mend: bool = True
+    """Whether steps that are contradicted are corrected; otherwise they stay as recorded."""
+    clock_is_sought: bool = True
+    """Whether a constant time between images and poses is sought, and poses are read at the images' times."""
+    clock_max_s: float = 0.2
+    """Largest time between an image and its pose that is sought, s; at least two and a half intervals
+    between frames."""
+
+    def __post_init__(self) -> None:
+        require_positive(self, "clock_max_s")
 
 
 @dataclass(frozen=True)

@@ -26,17 +26,15 @@ from planfit.tracking.motions import (
     expected_covariance,
     squared_sigmas,
 )
-from planfit.tracking.mounts import (
+from planfit.tracking.numbered import (
+    MOUNT,
     OPTICAL_AXES,
+    UNIT,
+    in_metres,
+    metres_named,
     mount_by_motions,
     mount_named,
     mount_of,
-)
-from planfit.tracking.mounts import PREFIX as MOUNT
-from planfit.tracking.pose_units import (
-    PREFIX,
-    in_metres,
-    metres_named,
     share_of_measured,
     unit_by_motions,
     unit_named,
@@ -244,7 +242,7 @@ def apply_convention(world_from_cams: Poses, name: str) -> Poses:
             poses = known[part](poses)
         elif part != RECORDED:
             raise OptionError(
-                f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, {PREFIX} and "
+                f"poses_convention: expected {RECORDED}, {AUTO}, {', '.join(known)}, {UNIT} and "
                 f"the metres of a unit, {MOUNT} and roll/pitch/yaw/x/y/z of a camera on a body, found "
                 f"{part!r}"
             )

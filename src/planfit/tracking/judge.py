@@ -11,7 +11,7 @@ from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 from planfit.tracking.breaks import Displacement, find_displacement
-from planfit.tracking.clock import ClockOffset, find_clock, tells_clock
+from planfit.tracking.clock import ClockOffset, TrackingOptions, find_clock, tells_clock
 from planfit.tracking.conventions import (
     AUTO,
     FRAME_DELAYS,
@@ -33,7 +33,6 @@ from planfit.tracking.lost_runs import (
     usual_of_known,
 )
 from planfit.tracking.motions import MeasuredMotions, noise_factors, over_told_steps
-from planfit.tracking.options import TrackingOptions
 from planfit.tracking.submaps import find_doubtful
 from planfit.tracking.trajectory import (
     LONG_INTERVAL,

@@ -1,13 +1,14 @@
 """Measured motions between neighbouring frames, how sure they are, and how far recorded ones depart."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, Shaped
+from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
 from planfit.matching import SurfacePairs
 from planfit.matching.relative_motions import VerifiedPairs
+from planfit.matching.types import PairRows
 from planfit.matching.verify import match_sigma
 from planfit.priors import SAME_MOTION_SIGMAS
 from planfit.scan.odometry import Odometry
@@ -34,7 +35,7 @@ _FACTORS = np.geomspace(1.0, 16.0, 17)
 
 
 @dataclass(frozen=True)
-class MeasuredMotions:
+class MeasuredMotions(PairRows):
     """Motions between frames near each other in time, from images and depth alone."""
 
     pairs: Int[np.ndarray, "p 2"]
@@ -45,30 +46,6 @@ class MeasuredMotions:
     """Of the tangent (rotation, translation; rad, m) in the axes of the first frame."""
     n_inliers: Int[np.ndarray, " p"]
     """Matches that agree with each."""
-
-    def joined(self, other: "MeasuredMotions") -> "MeasuredMotions":
-        """These and those of `other`, sorted by pair."""
-        pairs = np.concatenate([self.pairs, other.pairs])
-        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-        return MeasuredMotions(
-            pairs[order],
-            np.concatenate([self.a_from_b, other.a_from_b])[order],
-            np.concatenate([self.covariance, other.covariance])[order],
-            np.concatenate([self.n_inliers, other.n_inliers])[order],
-        )
-
-    def numbered(self, frame_idx: Int[np.ndarray, " k"]) -> "MeasuredMotions":
-        """The same of a scan whose frames `frame_idx` these are."""
-        return replace(self, pairs=frame_idx[self.pairs])
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "MeasuredMotions":
-        """Those that an index or a mask takes."""
-        return MeasuredMotions(
-            self.pairs[idx], self.a_from_b[idx], self.covariance[idx], self.n_inliers[idx]
-        )
 
 
 def measured_motions(verified: VerifiedPairs) -> MeasuredMotions:

@@ -13,8 +13,7 @@ from planfit.scan.odometry import USUAL_SHARE, Odometry, usual_step
 from planfit.tracking.clock import ClockOffset
 from planfit.tracking.conventions import ConventionFit
 from planfit.tracking.motions import MeasuredMotions
-from planfit.tracking.mounts import mount_numbers
-from planfit.tracking.pose_units import in_metres, unit_of
+from planfit.tracking.numbered import in_metres, mount_numbers, unit_of
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,7 @@ class Tracking:
     them, and what is beyond may be anywhere. Revisits place it, and what they place is taken off the list."""
     undecided_steps: Int[np.ndarray, " u"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     """Steps that were doubtful and that revisits did not decide: what tears the walk elsewhere may be a jump
-    at one of these (`tracking/undecided.py`)."""
+    at one of these (`pipeline/jumps.py`)."""
     contradicted_steps: Int[np.ndarray, " c"] = field(
         default_factory=lambda: np.zeros(0, dtype=int)
     )

@@ -13,9 +13,8 @@ from faulty_sensors import make_sensor_world, with_points
 from planfit.adjust.calibration import PRIORS, SHARED
 from planfit.adjust.calibration.blocks import HALF, ODOMETRY, PLAN, S, shared_blocks
 from planfit.adjust.calibration.reduced import shared_step
+from planfit.adjust.terms.between import OdometryTerm, PointTerm
 from planfit.adjust.terms.levels import LevelTerm
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
 from planfit.adjust.terms.wall_offsets import OffsetWallTerm, with_offsets
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3

@@ -8,9 +8,8 @@ from numpy.testing import assert_allclose
 from scipy import sparse
 
 from builders import random_transforms
+from planfit.adjust.terms.between import OdometryTerm, SurfaceTerm
 from planfit.adjust.terms.observation_models import ODOMETRY, SURFACES
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.uncertainty.error_model import Steps, _of_surfaces
 from planfit.adjust.uncertainty.spreads import MIN_MOTION_FACTOR, Clusters, Probes, Spread
 from planfit.geometry import se3

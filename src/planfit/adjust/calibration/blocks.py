@@ -7,11 +7,9 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.calibration.sensor_kernels import K, sum_pairs_by_sensor, sum_planes_by_sensor
 from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.terms.between import OdometryTerm, PointTerm, SurfaceTerm
 from planfit.adjust.terms.groups import PairGroups, PlaneGroups
 from planfit.adjust.terms.levels import LevelTerm
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.wall_offsets import OffsetWallTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3

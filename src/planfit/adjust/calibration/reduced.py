@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.calibration.blocks import ODOMETRY, shared_blocks
 from planfit.adjust.problem import AdjustmentProblem
-from planfit.adjust.terms.odometry import OdometryTerm
+from planfit.adjust.terms.between import OdometryTerm
 from planfit.adjust.terms.wall_offsets import OffsetWallTerm, offset_prior, with_offsets
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry.calibration import NOMINAL

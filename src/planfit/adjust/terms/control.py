@@ -14,13 +14,14 @@ from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
 from planfit.lsq.residual_term import ResidualTerm
+from planfit.matching.types import Rows
 from planfit.runtime import short_repr
 
 NAME = "control points"
 
 
 @dataclass(frozen=True)
-class ControlMarks:
+class ControlMarks(Rows):
     """Marks of control points, and where these points are; m marks."""
 
     points_cam: Float[np.ndarray, "m 3"]
@@ -36,20 +37,6 @@ class ControlMarks:
     as nothing tells where the survey lies."""
 
     __repr__ = short_repr
-
-    def __len__(self) -> int:
-        return len(self.pose_idx)
-
-    def __getitem__(self, which: np.ndarray) -> "ControlMarks":
-        """Some of them."""
-        targets = None if self.targets is None else self.targets[which]
-        return ControlMarks(
-            self.points_cam[which],
-            self.pose_idx[which],
-            self.point_idx[which],
-            self.sigma_m[which],
-            targets,
-        )
 
     def corrected(self, sensor: SensorCalibration) -> "ControlMarks":
         """As the corrected sensor sees them; cameras that stood at a point are not corrected."""

@@ -13,10 +13,8 @@ from scipy import sparse
 
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.rigid_motion import free_motions, rigid_tangents
+from planfit.adjust.terms.between import OdometryTerm, PointTerm, SurfaceTerm
 from planfit.adjust.terms.levels import LevelTerm
-from planfit.adjust.terms.odometry import OdometryTerm
-from planfit.adjust.terms.points import PointTerm
-from planfit.adjust.terms.surfaces import SurfaceTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.adjust.uncertainty.bundles import (
     Bundles,

@@ -3,12 +3,12 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int, Shaped
+from jaxtyping import Float, Int
 
 from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
-from planfit.matching.types import count_loops
+from planfit.matching.types import PairRows, count_loops
 from planfit.runtime import short_repr
 
 NULL_SHARE = 1e-9
@@ -20,7 +20,7 @@ _MIN_STRETCH = 0.1
 
 
 @dataclass(frozen=True)
-class SurfacePairs:
+class SurfacePairs(PairRows):
     """Motions between frames from the surfaces that both see, sorted by pair."""
 
     pairs: Int[np.ndarray, "p 2"]
@@ -39,9 +39,6 @@ class SurfacePairs:
     """Of the surfaces from the cameras, root mean square."""
 
     __repr__ = short_repr
-
-    def __len__(self) -> int:
-        return len(self.pairs)
 
     @staticmethod
     def none() -> "SurfacePairs":
@@ -85,34 +82,6 @@ class SurfacePairs:
     def n_loops(self, neighbours: int, keyframe_idx: Int[np.ndarray, " k"] | None = None) -> int:
         """Pairs that are further apart in time than `neighbours` frames, or keyframes."""
         return count_loops(self.pairs, neighbours, keyframe_idx)
-
-    def numbered(self, frame_idx: Int[np.ndarray, " k"]) -> "SurfacePairs":
-        """The same of a scan whose frames `frame_idx` these are."""
-        return replace(self, pairs=frame_idx[self.pairs])
-
-    def __getitem__(self, idx: Shaped[np.ndarray, " k"]) -> "SurfacePairs":
-        """Those that an index or a mask takes."""
-        return SurfacePairs(
-            self.pairs[idx],
-            self.a_from_b[idx],
-            self.information[idx],
-            self.explained[idx],
-            self.by_sensor[idx],
-            self.distance_m[idx],
-        )
-
-    def joined(self, other: "SurfacePairs") -> "SurfacePairs":
-        """These and those of `other`, sorted by pair; a pair that both have stands twice."""
-        pairs = np.concatenate([self.pairs, other.pairs])
-        order = np.lexsort((pairs[:, 1], pairs[:, 0]))
-        return SurfacePairs(
-            pairs[order],
-            np.concatenate([self.a_from_b, other.a_from_b])[order],
-            np.concatenate([self.information, other.information])[order],
-            np.concatenate([self.explained, other.explained])[order],
-            np.concatenate([self.by_sensor, other.by_sensor])[order],
-            np.concatenate([self.distance_m, other.distance_m])[order],
-        )
 
     def corrected(self, sensor: SensorCalibration) -> "SurfacePairs":
         """As a calibrated sensor would have measured them; sigmas of translations grow with the points.

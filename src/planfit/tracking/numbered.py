@@ -1,8 +1,9 @@
-"""Poses of a body that carries the camera: the constant turn and arm between the two, found from motions.
+"""Conventions whose numbers motions show: a unit of poses' own, and a body that carries the camera.
 
-The body moves by A where the camera moves by B, and A X = X B with X = body_from_cam (hand-eye calibration,
-Tsai and Lenz 1989). X is found by least squares over all motions at once, each by its covariance, as
-Strobl and Hirzinger (2006) weigh turn and arm, with the tails of `motions.py` for motions that are false.
+Units are those of structure from motion and of trackers with one camera. The body moves by A where the
+camera moves by B, and A X = X B with X = body_from_cam (hand-eye calibration, Tsai and Lenz 1989). X is
+found by least squares over all motions at once, each by its covariance, as Strobl and Hirzinger (2006)
+weigh turn and arm, with the tails of `motions.py` for motions that are false.
 """
 
 import numpy as np
@@ -19,7 +20,7 @@ from planfit.priors import MOUNT_ARM_SIGMA_M
 from planfit.scan.odometry import Odometry
 from planfit.tracking.motions import FREEDOM, MeasuredMotions, expected_covariance
 
-PREFIX = "mount:"
+MOUNT = "mount:"
 """Of the convention's name, before roll, pitch and yaw (degrees) of the camera's axes in those of the body,
 and x, y and z (m) of the camera there, with slashes between."""
 MOTIONS_OF_STARTS = 200
@@ -37,7 +38,7 @@ def mount_named(body_from_cam: Float[np.ndarray, "4 4"]) -> str:
     """Name of the convention, to a thousandth of a degree and a tenth of a millimetre."""
     turn_deg = Rotation.from_matrix(body_from_cam[:3, :3]).as_euler("xyz", degrees=True)
     numbers = [f"{v:.3f}" for v in turn_deg] + [f"{v:.4f}" for v in body_from_cam[:3, 3]]
-    return PREFIX + "/".join(numbers)
+    return MOUNT + "/".join(numbers)
 
 
 def mount_of(name: str) -> Float[np.ndarray, "4 4"] | None:
@@ -51,10 +52,10 @@ def mount_of(name: str) -> Float[np.ndarray, "4 4"] | None:
 
 def mount_numbers(name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Roll, pitch and yaw (degrees), x, y and z (m) of a convention's name; empty where it names none."""
-    if not name.startswith(PREFIX):
+    if not name.startswith(MOUNT):
         return (), ()
     try:
-        numbers = tuple(float(part) for part in name[len(PREFIX) :].split("/"))
+        numbers = tuple(float(part) for part in name[len(MOUNT) :].split("/"))
     except ValueError:
         return (), ()
     is_mount = len(numbers) == 6 and np.isfinite(numbers).all()
@@ -128,3 +129,80 @@ def _fitted(
     solution = Problem([of_motions, of_arm], start[None]).solve(SolverOptions(cost_tolerance=1e-9))
     cost = sum(each.after for each in solution.cost_by_term.values())
     return solution.target_from_cams[0], cost
+
+
+UNIT = "unit:"
+"""Of the convention's name, before the metres that a unit is."""
+MIN_DEPARTURE = 1.1
+"""Factor from which on poses are in another unit. What is less may as well be depth that is a little off:
+which of the two, calibration decides."""
+
+
+def unit_named(metres: float) -> str:
+    """Name of the convention: translations are in units of so many metres."""
+    return f"{UNIT}{metres:.5g}"
+
+
+def metres_named(name: str) -> float | None:
+    """Metres of the unit that a convention names; None where it names none, or nothing above 0."""
+    if not name.startswith(UNIT):
+        return None
+    try:
+        metres = float(name[len(UNIT) :])
+    except ValueError:
+        return None
+    return metres if 0 < metres < np.inf else None
+
+
+def unit_of(convention: str) -> float:
+    """Metres of the unit of their own that poses in this convention have; 1 where they have none."""
+    named = [metres_named(part) for part in convention.split(", ")]
+    return next((metres for metres in named if metres is not None), 1.0)
+
+
+def in_metres(poses: Poses, metres: float) -> Poses:
+    """Poses whose translations are in units of so many metres."""
+    return se3.make_transform(poses[:, :3, :3], poses[:, :3, 3] * metres)
+
+
+def unit_by_motions(poses: Poses, motions: MeasuredMotions) -> float | None:
+    """Metres of the unit in which recorded steps are as long as those measured; None where that is a metre.
+
+    Recorded steps are smooth where a tracker is good, so what was measured is taken as a share of them.
+    Where they are noisier than what was measured, that share is too low, and the inverse share the right one:
+    both have to say so. Directions that measured motions leave free weigh nothing: surfaces are brought
+    together from the recorded motion, and stay there in these.
+    """
+    low, high = (
+        _share(poses, motions, of_recorded=True),
+        1 / max(share_of_measured(poses, motions), 1e-12),
+    )
+    is_metre = min(low, high) < MIN_DEPARTURE and max(low, high) > 1 / MIN_DEPARTURE
+    return None if low <= 0 or is_metre else low
+
+
+def share_of_measured(poses: Poses, motions: MeasuredMotions) -> float:
+    """Of the length of measured steps, how long recorded ones are along these.
+
+    Noise makes steps longer but not along the measured direction.
+    """
+    return _share(poses, motions, of_recorded=False)
+
+
+def _share(poses: Poses, motions: MeasuredMotions, of_recorded: bool) -> float:
+    """Of one kind of steps along the other by the length of these: the median, each by how surely it is told;
+    0 of none."""
+    i, j = motions.pairs.T
+    recorded = (se3.inverse(poses[i]) @ poses[j])[:, :3, 3]
+    measured = motions.a_from_b[:, :3, 3]
+    of = recorded if of_recorded else measured
+    surety = np.linalg.inv(motions.covariance[:, 3:, 3:])
+    squared = np.einsum("pi,pij,pj->p", of, surety, of)
+    along = np.einsum("pi,pij,pj->p", recorded, surety, measured)
+    moved = np.flatnonzero(squared > 0)
+    if len(moved) == 0:
+        return 0.0
+    shares = along[moved] / squared[moved]
+    order = np.argsort(shares)
+    weight = np.cumsum(squared[moved][order])
+    return float(shares[order][np.searchsorted(weight, weight[-1] / 2)])
