@@ -118,8 +118,6 @@ def narrow(
     follows is to be solved with the losses as they stand.
 
     Args:
-        task: what is adjusted.
-        plan_from_cams: where to begin.
         widths: factor on the scale of each wall patch's loss at first, 1 or more.
     """
     walls, shortest_m = task.options.model("walls"), task.options.wall_distances_m[-1]
@@ -143,8 +141,6 @@ def without_moved_walls(task: PlanTask, end: Alternation, known: Sequence[int] =
     Poses change a little once a wall no longer pulls, so walls are looked for again.
 
     Args:
-        task: what is adjusted.
-        end: where it ended.
         known: faces of which other evidence says that they were moved: how sure their offset is by the
             sigmas that terms were given does not count.
     """

@@ -38,7 +38,6 @@ def find_ceilings(
     """Height (m) of the ceiling that each frame sees, level frame; NaN where it is none of the common.
 
     Args:
-        structure: the scan's.
         level_from_cams: poses with loops closed: heights must agree to a few centimetres.
     """
     middles = level_middles(structure.ceiling, level_from_cams)
@@ -87,9 +86,7 @@ def settle_ceilings(
     (m) of the cameras to begin with, which differ from those given where two ceilings were found to be one.
 
     Args:
-        measurements: what the scan says.
         plan_from_cams: level, loops closed.
-        options: weights and losses.
     """
     structure, cameras_m = measurements.structure, plan_from_cams[:, 2, 3]
     found = find_ceilings(structure, plan_from_cams)

@@ -100,7 +100,6 @@ def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -
     cheap where poses are right, and poses that bend to it pay for that elsewhere.
 
     Args:
-        task: what is adjusted to what.
         plan_from_cams: aligned, loops closed.
     """
     return _with_other_places(task, _best_of_starts(task, plan_from_cams))
@@ -303,7 +302,6 @@ def patch_sigmas(
     for each pose, so that stretches are as free of each other as odometry and matches leave them.
 
     Args:
-        patches: of wall.
         scan_terms: matches, floor and odometry.
         plan_from_cams: poses with loops closed, aligned.
     """

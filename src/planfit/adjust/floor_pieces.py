@@ -127,7 +127,6 @@ def find_pieces(
     Args:
         floor: points that were labelled so.
         level_from_cams: poses that nothing held to a level floor, walls upright.
-        rng: draws the planes that are tried.
     """
     points = se3.transform_each(level_from_cams[floor.frame_idx], floor.points_cam)
     if len(points) == 0:

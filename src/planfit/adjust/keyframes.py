@@ -37,7 +37,6 @@ def hold_to_keyframes(
     """Hold all frames of a recorded trajectory to keyframes.
 
     Args:
-        world_from_cams: recorded poses.
         frame_idx: keyframes, increasing; the first and the last frame are among them.
     """
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]

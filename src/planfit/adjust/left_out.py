@@ -102,12 +102,7 @@ class _Marks:
 def leave_out_control(
     problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> tuple[PointLeftOut, ...]:
-    """Each control point that takes part, in the order of the survey; none where there are none.
-
-    Args:
-        problem: with the correspondences of the solve's end.
-        target_from_cams: where it ended.
-    """
+    """Each control point that takes part, in the order of the survey; none where there are none."""
     marks = _marks_of(problem, target_from_cams)
     if marks is None:
         return ()
@@ -193,7 +188,6 @@ def _contradicted(marks: _Marks, sigmas: Mapping[int, float]) -> tuple[int, ...]
     points beside it look bad, until it is left out.
 
     Args:
-        marks: of all points.
         sigmas: how far each is off where it alone is left out.
     """
     out: list[int] = []

@@ -49,8 +49,6 @@ def mutually_nearest(
         ends: of the patches of all frames, plan frame, seen from above, metres.
         normals: unit, towards where each patch was seen from.
         n_points: of each patch; walls are made of the largest patches first, and means go by points.
-        floorplan: the plan.
-        rule: when a patch lies beside a face.
     """
     if len(ends) == 0 or len(floorplan) == 0:
         return np.full(len(ends), np.nan), np.full(len(ends), -1)

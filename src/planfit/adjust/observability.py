@@ -24,12 +24,7 @@ MAX_NAMED = 4
 def observability_findings(
     problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
 ) -> tuple[Finding, ...]:
-    """Frames and pieces of the scan that matches, floor and plan do not hold.
-
-    Args:
-        problem: with the correspondences of the solve's end.
-        plan_from_cams: poses of the solve's end.
-    """
+    """Frames and pieces of the scan that matches, floor and plan do not hold."""
     n, measurements = len(plan_from_cams), problem.measurements
     # What holds poses to something fixed, and what the user's terms hold, linearised at these poses.
     parts = _fixed_parts(problem, plan_from_cams)

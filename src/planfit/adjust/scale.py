@@ -71,10 +71,8 @@ def refit_scale(
     """Factor on the scale of a plan at which the walls strain everything else least.
 
     Args:
-        measurements: what the scan says.
         floorplan: in metres, at the scale that the alignment found.
         plan_from_cams: poses aligned with it, loops closed.
-        options: of the adjustment.
     """
     # Costs at several scales compare where all start alike and walls stand as drawn.
     quick = replace(options, starts=("aligned",), finds_moved_walls=False)
@@ -154,13 +152,10 @@ def fit_thickness(
     The plan is the very same where no face was made of a line, or walls are no single planes to the method.
 
     Args:
-        measurements: what the scan says.
         floorplan: in metres, with both faces of lines (`planfit.floorplan.centre_lines`).
         plan_from_cams: adjusted to it.
-        options: of that adjustment.
         odometry_scale_sigma: how far recorded steps may be off, as a share.
         plan_scale_sigma: how far the plan's scale may be off, as a share; 0 holds it.
-        extra_terms: as for `adjust_to_plan`.
     """
     is_possible = options.has_several_starts and options.wall_offset_sigma_m == 0
     if floorplan.before_line is None or not is_possible:

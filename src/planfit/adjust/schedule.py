@@ -76,9 +76,7 @@ def close_loops_untorn(
     """Close loops, give up the visits that tear a recorded step, and again, until no step is torn by one.
 
     Args:
-        measurements: what the scan says.
         level_from_cams: poses as recorded, levelled.
-        options: as for `close_loops`.
     """
     is_dropped = np.zeros(len(measurements.matches.pairs), dtype=bool)
     left, dropped = measurements, []
@@ -188,12 +186,8 @@ def settle_walls(
     """Go on from an adjustment without the walls that all other evidence contradicts.
 
     Args:
-        measurements: what the scan says.
         floorplan: the plan; without one nothing changes.
-        adjustment: of the same.
         options: of the adjustment; where walls may not have been moved, nothing changes.
-        errors: what the residuals of a problem tell.
-        extra_terms: as for `adjust_to_plan`.
     """
     held = adjustment.correspondences
     is_asked = options.has_several_starts and options.finds_moved_walls

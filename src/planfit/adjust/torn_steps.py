@@ -142,9 +142,7 @@ def visits_that_tear(
     """Pairs (p,) of the visits that cannot be right where torn steps are, and those visits.
 
     Args:
-        measurements: those that were solved with.
         recorded_from_cams: recorded poses of the same frames, any axes.
-        torn: see `find_torn_steps`.
     """
     edges = relative_poses_of(measurements.matches)
     visit = group_visits(edges, recorded_from_cams, measurements.odometry)

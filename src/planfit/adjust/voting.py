@@ -39,7 +39,6 @@ def vote(
 
     Args:
         seen: patches of wall, in the order of frames, aligned with the plan as a whole.
-        observations: what each patch is worth.
         max_shift_m: largest shift that is tried, each axis.
     """
     patches, plan_from_cams = seen.patches, seen.plan_from_cams

@@ -77,7 +77,6 @@ def plan_evidence(
     Args:
         walls: samples in the order they were seen, level frame; without `seen_from` nothing is judged.
         floorplan: in its own unit.
-        hypothesis: where the scan is on it.
     """
     if walls.seen_from is None or len(walls.xy) == 0:
         return replace(NOTHING_JUDGED, line_offset_m=line_offset_m(walls, floorplan, hypothesis))

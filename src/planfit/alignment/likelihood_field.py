@@ -94,7 +94,6 @@ class TranslationSearch:
         Args:
             xy: metres, wall samples, rotated but not translated. A cell counts once a sector, however
                 many samples it holds.
-            normals: their unit normals.
             free_xy: metres, points known to be free, rotated likewise; each cell of them that holds a
                 face costs `FREE_WEIGHT` cells of wall.
 

@@ -67,7 +67,6 @@ def refine_nonrigid(
     Args:
         walls: samples in the order they were seen, level frame.
         floorplan: in its own unit.
-        hypothesis: an alignment nearby.
         n_scales: 0: the scale is known; 1: one; 2: one along each axis of the plan.
     """
     yaw, scale = hypothesis.yaw, np.array(hypothesis.scale_xy)

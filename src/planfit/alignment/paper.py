@@ -51,7 +51,6 @@ def align_paper(
         points_level: metres, the whole scan, level frame: floor, walls, furniture.
         walls: the same walls that `align` is given; they only score the result.
         floorplan: in metres, or in a unit of its own.
-        rng: for the samples.
 
     Raises:
         ScanError: no boundary is left of the scan.

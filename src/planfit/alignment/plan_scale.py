@@ -81,10 +81,8 @@ def find_plan_scale(
     all measurements have refitted it (`planfit.adjust.refit_scale`).
 
     Args:
-        walls: samples, level frame.
         floorplan: in metres, as drawn.
         drawn: the alignment with it as drawn.
-        options: those of `drawn`.
         slack: share by which the scale may differ from the drawn one; 0 looks at none.
         recorded: plan_from_level that the scan's format claims, if it does.
         control_points: points of the scan whose location on the plan is known.

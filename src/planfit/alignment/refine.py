@@ -88,10 +88,8 @@ def refine_hypothesis(
     """Move a start so that wall samples lie on faces of the plan.
 
     Args:
-        walls: samples, level frame.
         floorplan: in its own unit.
         start: where to begin; its score is not read.
-        steps: see there.
     """
     steps = steps or RefineSteps()
     yaw, scale = start.yaw, np.array(start.scale_xy)
@@ -203,8 +201,6 @@ def differences(
     """Yaw (rad), x and y of the scan's middle (units of the drawing) and log scale, from a reference to each.
 
     Args:
-        hypotheses: to compare with the reference.
-        reference: what to compare with.
         middle_level: metres, level frame.
     """
     both = [*hypotheses, reference]

@@ -56,7 +56,6 @@ def search_hypotheses(
     """Best hypotheses of the coarse search, best first, with their coarse score; not more than asked for.
 
     Args:
-        walls: samples, level frame.
         floorplan: in its own unit.
         scales: smallest and largest metres per unit; equal where it is known.
         yaws: rad, to try.

@@ -173,12 +173,9 @@ def select_hypothesis(
     """Choose among refined hypotheses.
 
     Args:
-        walls: the samples that were aligned.
         hypotheses: at least one, best first.
         recorded: what the scan's format claims, if it does.
         mirrored: best alignment of the scan with left and right swapped, if that was tried.
-        floorplan: for what is said of it.
-        options: see there.
 
     Raises:
         OptionError: there are fewer distinct alignments than the candidate asked for.

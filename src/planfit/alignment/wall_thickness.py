@@ -50,7 +50,6 @@ def find_half_thickness(
     """Half the thickness of walls that explains clearly more of the scan than what is drawn, if one does.
 
     Args:
-        walls: samples, level frame.
         floorplan: as drawn, in its own unit.
         drawn: the alignment with it as drawn.
         options: of the alignment; `metric_scale_tolerance` bounds the scale of a plan in metres.
@@ -163,9 +162,7 @@ def offset_from_faces(
     wall near the plan is on other faces.
 
     Args:
-        walls: samples, level frame.
         thick: in metres, lines with faces on either side.
-        hypothesis: where the scan is on it.
     """
     assert thick.before_line is not None
     rotation = rotation_2d(hypothesis.yaw)

@@ -66,7 +66,6 @@ def retrieve_between(seen: ScansSeen, view_idx: Int[np.ndarray, " v"]) -> Int[np
     """Pairs of frames of different scans that look alike, first < second, sorted.
 
     Args:
-        seen: all scans.
         view_idx: frames that stand for their like, increasing.
     """
     vectors, of_scan = seen.descriptors.vectors[view_idx], seen.of_scan[view_idx]
@@ -105,11 +104,8 @@ def verify_between(
     """Those of the pairs that hold together, and how much of both views each explains; with those known.
 
     Args:
-        seen: all scans.
         pairs: first < second.
         known: of another call; not tried again.
-        options: of matching.
-        runtime: threads, cache and progress.
     """
     if known is not None:
         pairs = pairs[~is_among(pairs, known.relative_poses.pairs)]

@@ -65,10 +65,7 @@ def find_disputes(
     """Compare relative poses whose ends lie close enough to each other for the recorded motion to judge.
 
     Args:
-        relative_poses: verified pairs.
         idx: those to compare, sorted: of those that say the same, one.
-        world_from_cams: recorded poses.
-        odometry: how far the recorded motion may be off.
         is_undecided_left: those that go on where drift does not decide: over a gap, it never does.
     """
     own = relative_poses[idx]

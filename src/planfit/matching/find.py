@@ -39,9 +39,6 @@ def find_matches(
 
     Args:
         scan: its poses say which frames may have seen the same.
-        odometry: how far they may be off.
-        options: see there.
-        runtime: threads, cache and progress.
         neighbours: what `measure_neighbours` found with these options; without, it is measured here.
         by_hand: what a person says of frames and pairs.
 

@@ -78,8 +78,6 @@ def cycle_consistent(
 
     Args:
         relative_poses: verified pairs of any distance in time.
-        world_from_cams: recorded poses.
-        odometry: how far the recorded motion may be off.
         certain: loops that are right, as a person says: all others are held to them.
     """
     is_accepted = np.zeros(len(relative_poses), dtype=bool)
@@ -136,8 +134,6 @@ def propose_loop_closures(
         accepted: relative poses, between frames of `view_idx` or any others.
         tried: pairs, first < second.
         view_idx: frames that stand for their like, increasing.
-        world_from_cams: recorded poses.
-        samples: what each frame shows.
         options: `neighbours` are no loop closures.
     """
     loops = accepted[accepted.pairs[:, 1] - accepted.pairs[:, 0] > options.neighbours]

@@ -90,8 +90,6 @@ def choose_pairs(
     """Pairs of frame indices, first < second, sorted.
 
     Args:
-        world_from_cams: recorded poses.
-        odometry: how far they may be off between two frames.
         options: how many, and how far apart.
         descriptors: what frames show; without it, pairs are chosen by poses alone.
     """

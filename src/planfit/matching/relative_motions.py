@@ -81,7 +81,6 @@ def matches_of(accepted: VerifiedPairs, n_tried: int, n_keypoints: int) -> Match
     Args:
         accepted: verified, and consistent with the others.
         n_tried: pairs that were looked at.
-        n_keypoints: of all frames.
     """
     start = np.cumsum([0, *accepted.relative_poses.n_inliers])
     shape, sigma = (int(start[-1]), 3), np.zeros(int(start[-1]), np.float32)

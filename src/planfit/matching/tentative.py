@@ -151,9 +151,7 @@ def join_keypoints(
     """Keypoints of our own of several scans as those of one, frame after frame.
 
     Args:
-        cameras: of all frames.
         seen: of each scan.
-        options: those that they were found with.
     """
     keypoints = [each for scan in seen for each in scan.keypoints]
     grids = seen[0].grids

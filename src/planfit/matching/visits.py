@@ -100,8 +100,6 @@ def without_misled(
 
     Args:
         known: neighbours that keypoints brought together.
-        world_from_cams: recorded poses.
-        odometry: how far they may be off.
     """
     verified = known.verified
     pairs, measured = verified.relative_poses.pairs, verified.relative_poses.a_from_b

@@ -118,9 +118,7 @@ def observed_in_metres(given: Given, seen: Observations, timer: StageTimer) -> O
     in the right unit its walls explain a fifth more of the scan.
 
     Args:
-        given: scan, plan and options.
         seen: what the scan shows, depth as read.
-        timer: times the stages.
 
     Raises:
         ScanError: it is open, and no plan in metres tells.
@@ -198,12 +196,8 @@ def with_thick_walls(
     The very same ones where they are not, or where that explains no more of the scan.
 
     Args:
-        prepared: the scan.
         floorplan: as drawn, in its own unit.
         drawn: the alignment with it as drawn.
-        options: of the alignment.
-        claimed: see `find_alignment`.
-        surveyed: likewise.
     """
     if options.align.method == "paper":
         return floorplan, drawn

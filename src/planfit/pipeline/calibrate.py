@@ -160,12 +160,8 @@ def with_motion_to_scale(
     what these allow over a room. Only a plan whose metre is believed tells that from depth.
 
     Args:
-        given: scan and options.
         tracking: before a plan was looked at: what walls say of its steps they say again, at its scale.
         calibrated: with the plan's walls among the evidence.
-        on_plan: where it was aligned.
-        adjustment: to that plan.
-        timer: times the stage.
     """
     correspondences, options = adjustment.correspondences, given.options
     is_possible = _is_possible(options) and on_plan.storeys is None

@@ -144,7 +144,6 @@ def by_hand_outcome(
 
     Args:
         seen: corrections that were used.
-        plan_from_cams: of the result.
         plan_from_world: of the result as a whole, for places in the scan's own axes.
         on_plan: where the scan stands, and whether its walls contradict that.
         tolerance_m: how far off a place may end.
@@ -176,8 +175,6 @@ def loops_against_motion(
     No loss lets go of such a loop, so that the result ends on it, and its own residual tells nothing.
 
     Args:
-        corrections: that were used.
-        disagreements: of the result.
         recorded: positions of the cameras.
     """
     steps_m = np.linalg.norm(np.diff(recorded, axis=0), axis=1)

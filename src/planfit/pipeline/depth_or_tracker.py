@@ -74,15 +74,7 @@ def sensor_by_neighbours(
     cameras: tuple[Camera, ...],
     options: RefineOptions,
 ) -> Calibration:
-    """What matches of neighbouring keyframes and recorded steps, as sure as is usual, ask of a sensor.
-
-    Args:
-        verified: pairs of keyframes.
-        world_from_keys: as recorded.
-        odometry: steps between them.
-        cameras: of the keyframes.
-        options: of the adjustment.
-    """
+    """What matches of neighbouring keyframes and recorded steps, as sure as is usual, ask of a sensor."""
     if options.adjust.geometric != "points" or len(verified) == 0:
         return NOT_CALIBRATED
     matches = matches_of(verified, len(verified), 0)

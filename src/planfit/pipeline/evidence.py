@@ -218,15 +218,8 @@ def gather_evidence(
     """Solve without each fold, and measure what was kept out.
 
     Args:
-        prepared: the scan, loops closed.
-        on_plan: where it was aligned.
-        adjustment: the result.
-        options: the terms that were on.
-        align_options: what an alignment is asked for.
         n_folds: two or more.
-        rng: deals visits and walls out to folds.
         extra_terms: the user's own; they are kept in all folds.
-        calibration: what was found of the sensor.
         priors: of what was not; None takes the sensor to be as its files say.
     """
     measurements, keyframes = prepared.measurements, prepared.keyframes

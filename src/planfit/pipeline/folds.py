@@ -93,10 +93,7 @@ def choose_folds(
     """Cut the walk into stretches, and deal visits and stretches out to folds.
 
     Args:
-        measurements: of the k frames that are solved for.
-        recorded_from_cams: as the tracker recorded them, in any frame.
         count: folds, two or more.
-        rng: deals out.
     """
     stretch = cut_into_stretches(recorded_from_cams, count)
     n = int(stretch[-1]) + 1

@@ -67,7 +67,6 @@ def running(runtime: Runtime | None, cache: str | Path | None, progress: bool) -
     """The runtime that a user gave, or one of what was asked for in its place.
 
     Args:
-        runtime: threads, cache and progress.
         cache: folder that keeps finished stages.
         progress: whether terminals and notebooks show how far it is.
 

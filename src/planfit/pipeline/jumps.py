@@ -78,13 +78,6 @@ def align_with_jumps(
 ) -> tuple[CalibratedScan, ScanOnPlan]:
     """Align as `align_to_plan` does, with jumps where walls fit the plan best, if the walk jumps somewhere.
 
-    Args:
-        scan: as recorded.
-        calibrated: with loops closed.
-        floorplan: as given.
-        options: those of the run.
-        timer: told of the stages; what is tried is not told one by one.
-
     Raises:
         FloorplanError: as `align_to_plan`, where no jump explains why.
     """
@@ -246,7 +239,6 @@ def jump_hypotheses(tracking: Tracking, matches: Matches) -> tuple[JumpHypothesi
 
     Args:
         tracking: as judged, undecided steps as recorded.
-        matches: of the whole scan.
     """
     usual = usual_step(tracking.odometry.cam_from_next)
     found = (

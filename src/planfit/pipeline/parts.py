@@ -149,14 +149,7 @@ def placed_by_parts(
     on_plan: ScanOnPlan,
     options: RefineOptions,
 ) -> Tracking | None:
-    """The walk with its parts where the plan has them; None where none stands elsewhere than recorded.
-
-    Args:
-        prepared: loops closed.
-        tracking: of all frames.
-        on_plan: where the scan as a whole was aligned.
-        options: those of the run.
-    """
+    """The walk with its parts where the plan has them; None where none stands elsewhere than recorded."""
     plan = _plan_asked(prepared, on_plan, options)
     if plan is None:
         return None
@@ -190,10 +183,6 @@ def opened_by_walls(
     predicted to be within 0.06 m. A jump need not be long: of steps of 1 m, one of 1.3 m was of 1.6 m.
 
     Args:
-        prepared: loops closed.
-        tracking: of all frames.
-        on_plan: where the scan as a whole was aligned.
-        options: those of the run.
         plan_from_keys: of keyframes, there.
     """
     plan = _plan_asked(prepared, on_plan, options)
@@ -377,7 +366,6 @@ def matched_elsewhere(
     truth in what it observes, together put one 0.86 m along a lounge.
 
     Args:
-        surfaces: of all frames.
         before: the tracking that was placed.
         placed: with its parts where the plan has them.
     """

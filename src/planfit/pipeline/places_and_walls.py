@@ -59,9 +59,6 @@ def against_walls(
 
     Args:
         on_plan: aligned with the points of the options and of the survey.
-        prepared: the scan.
-        floorplan: as given.
-        options: those of the run.
         surveyed: control points of a survey, by id. Without any, and without points of the options, there is
             nothing to compare.
     """

@@ -76,11 +76,7 @@ def predicted_covariance(
 
     Args:
         problem: all evidence, its unknowns those of the result.
-        rivals: other optima.
-        folds: which fold did without what.
-        by_fold: poses of each fold's solve.
         stated: of all evidence, and of each fold.
-        rng: for estimates of traces.
         shared: what all frames share; None where that is known.
     """
     n = problem.n_cams

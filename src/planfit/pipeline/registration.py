@@ -73,7 +73,6 @@ def register(
 
     Args:
         evidence: solves without parts of the evidence.
-        checks: before and after.
         survey: control and check points, where there are some.
     """
     of_frames = radius_95(evidence.pose_covariances[:, 3:, 3:])

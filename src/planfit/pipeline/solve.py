@@ -177,12 +177,8 @@ def _with_fitted_thickness(
 
     Args:
         on_plan: with one thickness for all walls.
-        prepared: the scan.
-        adjustment: to that plan.
-        options: of the adjustment.
         odometry_scale_sigma: how far recorded steps may be off, as a share.
         depth_scale_sigma: how far depth may be off, as a share; a plan's scale is off with it.
-        extra_terms: of the adjustment.
     """
     plan, found = on_plan.floorplan, on_plan.alignment
     assert plan is not None

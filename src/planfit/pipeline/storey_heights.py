@@ -108,7 +108,6 @@ def refit_floors(
     Args:
         prepared: loops closed with the floors at `floors_m`.
         floors_m: as found, from the lowest.
-        options: terms and solver.
     """
     refitted_m = floors_m.copy()
     narrow = replace(options, gnc_schedule=options.gnc_schedule[-1:])
@@ -165,11 +164,8 @@ def _follow_floor(
     """The scan on the pieces of its floor where that explains it better than one level plane; else as it is.
 
     Args:
-        scan: images and cameras.
         observations: of one storey.
         level: the scan prepared, its floor held level.
-        options: terms and solver.
-        timer: times the stages.
 
     Returns:
         observations whose floor points are as if the floor were level, and the scan prepared by them.

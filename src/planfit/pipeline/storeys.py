@@ -79,12 +79,7 @@ def place_on_storeys(
     """Align each storey with its plan, and bring all plans into the frame of the lowest one.
 
     Args:
-        scan: posed RGB-D frames.
-        observations: what it shows.
-        prepared: loops closed.
         plans: by number; of two storeys the higher one has the higher number.
-        options: those of the run.
-        timer: times the alignments.
 
     Raises:
         ScanError: no wall was seen.
@@ -182,7 +177,6 @@ def in_shared_axes(
     the storey fits it there too: as it was aligned, or as a candidate that explains nearly as much.
 
     Args:
-        aligned: by storey.
         walls: by storey, level frame.
     """
     surest = max(aligned, key=lambda k: _surety(aligned[k]))
@@ -315,7 +309,6 @@ def _choose_plans(
     Args:
         walls: of each storey that was walked, from the lowest, level frame; one of them at least shows some.
         plans: by number.
-        options: of the alignment.
 
     Raises:
         FloorplanError: plans fit clearly better in another order than that of their numbers.

@@ -59,11 +59,7 @@ def directions_held(
     """What fixes each direction, by the terms at the poses where their solve ended.
 
     Args:
-        problem: with the correspondences of the solve's end.
-        target_from_cams: of the frames that were solved for.
-        stretch: of each of them.
         covariances: predicted, as `Evidence.pose_covariances`.
-        frame_idx: their numbers in the scan.
     """
     unknowns = problem.unknowns.copy()
     unknowns[: len(target_from_cams)] = target_from_cams

@@ -146,9 +146,7 @@ def geometry_back_end(
     What is kept of it is one bit a cell, a few kilobytes.
 
     Args:
-        scan: its depth is read.
         upright_from_cams: poses in the world turned upright.
-        runtime: threads, cache and progress.
     """
     n, size = len(scan), _SUBMAP_FRAMES
     # Frames at its ends are part of two submaps: their depth is decoded once for both.

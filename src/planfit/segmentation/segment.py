@@ -82,9 +82,7 @@ def segment_scan(
 
     Args:
         scan: its depth is read, and what the back end needs.
-        gravity: which way is up.
         options: where labels come from, and how many points are kept.
-        runtime: threads, cache and progress.
         back_end: labels the pixels, in the place of that of the options; `ArrayBackEnd` for labels of one's
             own.
 

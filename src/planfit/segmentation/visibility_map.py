@@ -73,7 +73,6 @@ def build_submap(
     """What samples of consecutive frames show.
 
     Args:
-        samples: at least one.
         tilt_sine: surfaces whose normals lie within this (sine) of level are upright.
         free_above_m: what is seen over by more than this is no wall.
         min_rise_m: walls are seen over at least this range of heights.

@@ -100,7 +100,6 @@ def find_displacement(
     Args:
         world_from_cams: poses as recorded, or after earlier displacements.
         odometry: with sigmas that fit this tracker.
-        motions: measured.
         up_world: unit vector against gravity, where the tracker knows it.
     """
     if len(motions) == 0:

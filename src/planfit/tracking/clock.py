@@ -196,11 +196,7 @@ def find_clock(
 
     Args:
         world_from_cams: as recorded, in our convention.
-        times: of the frames.
-        motions: measured between neighbouring frames.
         is_whole: steps (frame i to i + 1) that may be interpolated.
-        odometry: what is usual of trackers.
-        options: how far to search.
         keyframe_idx: frames between which steps are as sure as `odometry` says; without, all.
     """
     reach = _reach(times, options)

@@ -256,7 +256,6 @@ def turned_axes(world_from_cams: Poses, up_world: Float[np.ndarray, "3"]) -> str
     level across another axis, and that axis is up in the images.
 
     Args:
-        world_from_cams: as recorded.
         up_world: unit vector against gravity, as the format has it.
     """
     spread_m = float(np.std(world_from_cams[:, :3, 3] @ up_world))

@@ -189,11 +189,8 @@ def judge_tracking(
     Whether that may be another than was asked for is a matter of `require_asked_convention`.
 
     Args:
-        world_from_cams: as recorded.
         motions: between neighbouring frames, measured from images and depth.
         convention: that of the poses: `recorded`, `auto`, or a name.
-        odometry: what is usual of trackers.
-        options: see there.
         up_world: unit vector against gravity, where the scan's format says which axis is up.
         timestamps: of the frames, s, or frame numbers; without, frames are numbered.
         keyframe_idx: frames whose images were looked at; without, all.
@@ -244,7 +241,6 @@ def require_asked_convention(name: str, tracking: Tracking, asked: str) -> None:
     """Refuse a scan whose poses follow another convention than the one asked for.
 
     Args:
-        name: of the scan, for messages.
         tracking: of its poses, all evidence weighed.
         asked: `recorded`, `auto` (which allows any), or a name.
 

@@ -64,9 +64,7 @@ def choose_keyframes(
     Frames that lack an image are none, but for those without colour where others are too far apart.
 
     Args:
-        world_from_cams: recorded poses, in whatever convention.
         timestamps: of the frames, s, or frame numbers.
-        options: how far keyframes may be apart.
         lacking: the image that each frame lacks; none lacks any without.
     """
     if not any(lacking):
@@ -155,8 +153,6 @@ def frames_in_doubt(
     """Frames between keyframes to be looked at too: about breaks, and where no neighbours match.
 
     Args:
-        tracking: as judged by the keyframes.
-        keyframe_idx: these, increasing.
         is_bridged: of each gap between two keyframes, whether a pair of matched frames spans it.
     """
     n_between = np.diff(keyframe_idx) - 1

@@ -114,8 +114,6 @@ def fill_lost(
 
     Args:
         recorded: poses; those of lost frames are not looked at.
-        lost: runs of lost frames, in their order.
-        motions: measured between neighbouring frames.
         odometry: of the recorded poses, with sigmas that fit this tracker.
         usual: length (m) and angle (rad) of usual steps.
     """

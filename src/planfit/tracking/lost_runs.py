@@ -51,9 +51,7 @@ def find_lost_runs(
     """Runs of lost frames, in their order; none where more than half of the frames would be lost.
 
     Args:
-        recorded: poses.
         is_at_origin: whether a pose is the identity, as it stood in the file.
-        motions: measured between neighbouring frames.
     """
     is_same = stands_still(recorded)
     usual, found = usual_of_known(recorded, ~is_same), []
@@ -103,9 +101,7 @@ def between_held(
     for other reasons.
 
     Args:
-        recorded: poses.
         times: of the frames, in any unit.
-        motions: measured between neighbouring frames.
     """
     is_same = stands_still(recorded)
     # Each pose is of the first image that has it.

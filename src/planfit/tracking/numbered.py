@@ -70,8 +70,6 @@ def mount_by_motions(
     Arms along an axis about which all turns are made cannot be told, nor do they matter: they are 0.
 
     Args:
-        world_from_bodies: as recorded.
-        motions: of the camera, two or more.
         odometry: steps of the body, for how sure they are.
     """
     covariance = expected_covariance(motions, odometry)

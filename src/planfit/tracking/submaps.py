@@ -139,7 +139,6 @@ def place_submaps(tracking: Tracking, matches: Matches) -> Tracking:
     """Decide the doubtful steps of a trajectory by revisits that were matched with them open.
 
     Args:
-        tracking: as judged by neighbouring frames.
         matches: of the whole scan, found with `with_open_steps`.
     """
     n, doubtful = len(tracking.world_from_cams), tracking.doubtful_steps

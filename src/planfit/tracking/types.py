@@ -184,7 +184,6 @@ def leaps(
 
     Args:
         told: motions over steps, by what is not the tracker.
-        recorded: as the tracker has them.
         usual_m: what usual steps do not exceed.
     """
     length_m, recorded_m = (np.linalg.norm(s[:, :3, 3], axis=1) for s in (told, recorded))

@@ -49,7 +49,6 @@ def shared_blocks(
     Args:
         problem: built from points that `sensor` corrects.
         target_from_cams: where derivatives are taken.
-        sensor: likewise.
     """
     n, depth = len(target_from_cams), sensor.vector[:3]
     parts = []

@@ -168,9 +168,6 @@ def estimate(
     Args:
         measurements: as lifted by the nominal sensor.
         problem: built from the measurements as `start` corrects them.
-        unknowns: where its solve ended.
-        solve: solves again, with other corrections.
-        priors: and what is asked of evidence.
         start: what is corrected so far.
     """
     nominal = NOMINAL.vector
@@ -294,9 +291,6 @@ def estimate_without_plan(
 
     Args:
         measurements: as lifted by the nominal sensor.
-        poses: that solve them.
-        adjust: of the solves.
-        priors: and what is asked of evidence.
     """
 
     def solve(

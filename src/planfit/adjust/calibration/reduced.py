@@ -48,7 +48,6 @@ def shared_step(
 
     Args:
         problem: built from points that are corrected by the parameters as they stand.
-        unknowns: where its solve ended.
         departures: of the parameters as they stand from their nominal values.
         sigmas: prior standard deviations about the nominal values; 0 holds a parameter.
     """

@@ -106,11 +106,7 @@ def descend(
     Args:
         matches: matched points, metres, camera frames; their sigmas are not used.
         structure: floor points and wall patches, metres, camera frames.
-        floorplan: the plan.
-        association: the face of each wall patch.
         initial_target_from_cams: the target is the plan.
-        weights: of the terms.
-        schedule: see there.
 
     Raises:
         OptionError: PyTorch is not installed.

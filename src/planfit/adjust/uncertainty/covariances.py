@@ -46,9 +46,7 @@ def pose_covariances(
     it, but for some motions (height, if the floor takes no part), by one of those.
 
     Args:
-        model: of the errors of all terms.
         unknowns: of the problem that it is of.
-        idx: cameras asked for.
         shared: what all frames share; None where that is known, or nothing.
     """
     if model.free.shape[1] > 0:

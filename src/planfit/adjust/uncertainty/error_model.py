@@ -75,7 +75,6 @@ def model_errors(
         problem: all terms, its unknowns where they are least.
         stretch: of the walk that each camera belongs to: matches between two of them share their errors.
         misfit: factor on the variance of the recorded steps from each camera on.
-        rng: draws random signs for traces.
     """
     unknowns, n = problem.unknowns, len(problem.unknowns)
     bundles = {

@@ -110,11 +110,6 @@ def find_spread(
     """Both variances of a term.
 
     Args:
-        bundles: of the term.
-        clusters: the same by cluster.
-        factors: of the normal equations of all terms.
-        probes: of the same.
-        rng: draws more of them.
         shared_prior_m: what a shared error is expected to be before anything is seen, m.
     """
     d = bundles.residuals.shape[1]
@@ -164,11 +159,8 @@ def find_motion_factor(
     """Factor on the covariances of relative motions that surfaces were matched by.
 
     Args:
-        residuals: departures of the motions (rotation, translation).
         information: of each, of a rank below 6 where surfaces leave directions free.
-        robust_weights: of each.
         jacobian: (6 k, 6 n), of the residuals by the tangents of n poses.
-        probes: of the normal equations of all terms.
     """
     weighted = robust_weights[:, None, None] * information
     measured = robust_weights @ np.linalg.matrix_rank(information, hermitian=True)

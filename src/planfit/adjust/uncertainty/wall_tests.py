@@ -61,7 +61,6 @@ def run_wall_tests(model: ErrorModel, floorplan: Floorplan) -> tuple[WallTest, .
 
     Args:
         model: of the errors of all terms, where an adjustment ended.
-        floorplan: whose faces the walls are.
     """
     bundles = model.bundles.get("walls")
     if bundles is None or model.free.shape[1] > 0:

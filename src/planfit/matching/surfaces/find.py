@@ -99,11 +99,9 @@ def measure_surface_neighbours(
     turns: one corner of a room is like the next.
 
     Args:
-        scan: its depth is read.
         matched: what keypoints verified.
         odometry: of the recorded poses, and how far they may be off.
         options: `surfaces` and `pairs`.
-        runtime: threads, cache and progress.
 
     Raises:
         ScanError: a depth image cannot be read.
@@ -174,11 +172,8 @@ def find_surface_pairs(
 
     Args:
         scan: its poses say which frames may have seen the same.
-        odometry: how far they may be off.
         up_world: unit vector against gravity.
         known: see `measure_surface_neighbours`.
-        options: `pairs`.
-        runtime: threads, cache and progress.
     """
     if not known.is_poor.any():  # or all revisits would be chosen, to be left out
         return known.neighbours

@@ -57,8 +57,6 @@ def is_witnessed(
     Args:
         found: neighbours by their surfaces.
         matched: by keypoints.
-        world_from_cams: recorded poses.
-        odometry: how far they may be off.
     """
     i, j = found.pairs.T
     recorded = se3.inverse(world_from_cams[i]) @ world_from_cams[j]

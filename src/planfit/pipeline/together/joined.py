@@ -109,7 +109,6 @@ def join_observed(
     """One scan of several, in the world of the first.
 
     Args:
-        observed: the scans, in their order.
         joined_from_levels: from the level frame of each to that of the first.
         between: matches between their keyframes, these numbered one scan after the other.
     """
@@ -193,8 +192,6 @@ def join_trackings(
 
     Args:
         trackings: of the scans, in their order.
-        scans: which frames are whose.
-        joined_from_worlds: where each scan stands.
     """
     moves, firsts = list(joined_from_worlds), [scan.first for scan in scans]
     recorded, poses = (

@@ -107,9 +107,7 @@ def place_groups(
 
     Args:
         together: the scans.
-        groups: see `group_by_links`.
         floorplan: as given; of one storey.
-        timer: told of the stages.
     """
     scans = [each.scan for each in together.observed]
     by_size = sorted(groups, key=lambda g: -sum(len(scans[k]) for k in g.members))

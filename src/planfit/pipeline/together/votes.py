@@ -51,7 +51,6 @@ def link_by_votes(
     """The place that most of what two scans both show is in favour of; None where none is far ahead.
 
     Args:
-        first, second: numbers of the scans.
         level_from_cams: poses of the keyframes of each, loops closed.
         found: verified pairs: frame of the first scan, frame of the second, and how much each explains.
         has_floors: whether both saw their floor, so that heights can be compared.
