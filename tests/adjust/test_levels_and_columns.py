@@ -220,7 +220,7 @@ def test_one_ceiling_seen_at_two_heights_by_poses_that_fell_is_one(rng):
     found, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(found, 2.5, atol=0.02)
     assert_allclose(cameras_m, 1.5, atol=0.06)  # from 1.0
-    with patch.object(ceilings, "_MAX_DRIFT_M", 0.0):
+    with patch.object(ceilings, "MAX_DRIFT_M", 0.0):
         left, cameras_m = settle_ceilings(measurements, recorded, options)
     assert_allclose(left[:20], 2.0, atol=0.03)
     assert_allclose(cameras_m, recorded[:, 2, 3])

@@ -21,13 +21,12 @@ from planfit.lsq.robust import loss_value
 from planfit.priors import MIN_WITNESSES
 from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
+from planfit.segmentation.storeys import MAX_DRIFT_M
 
 TOLERANCE_M = 0.1
 """A frame belongs to a ceiling when the middle of its ceiling points is within this of it."""
 _MIN_SHARE = 0.1
 """Share of the frames with ceiling that a height needs."""
-_MAX_DRIFT_M = 1.0
-"""Ceilings this far apart at most may be one, seen from poses whose height drifted."""
 _MIN_GAIN = RIVAL_COST
 """Cost that is saved where they are one, at least: errors of frames of one ceiling are not independent."""
 
@@ -97,7 +96,7 @@ def settle_ceilings(
     sees_floor = np.diff(structure.floor.start) > 0
     cost = _cost(measurements, plan_from_cams, found, options)
     for low, high in pairwise(heights):
-        if high - low > _MAX_DRIFT_M:
+        if high - low > MAX_DRIFT_M:
             continue
         is_one = (middles > low - TOLERANCE_M) & (middles < high + TOLERANCE_M)
         # The floor holds the heights of those that see it; where none does, most are right.

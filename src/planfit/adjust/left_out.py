@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.adjust.problem import AdjustmentProblem
+from planfit.adjust.rigid_motion import FREE_TRANSLATION_M
 from planfit.lsq.covariance import factorised
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import loss_value
@@ -31,8 +32,6 @@ MAX_ITERATIONS, TOLERANCE_M = 20, 1e-5
 """Weights are chosen anew until no residual moves by more."""
 CONTRADICTED_SIGMAS = 5.0
 """A point that the rest puts further off than so many standard deviations contradicts it."""
-FREE_M = 10.0
-"""Where the rest leaves the place of a point open by more (one sigma), it says nothing of it."""
 
 
 @dataclass(frozen=True)
@@ -175,7 +174,7 @@ def _judged(
     # Marks share the point, whose sigma is the least that any of them has: depth adds to it.
     both = of_rest + np.min(marks.sigma_m[own]) ** 2 * np.eye(3)
     sigma_m = float(np.sqrt(np.mean(np.diagonal(of_rest)[known])))
-    if not sigma_m < FREE_M:
+    if not sigma_m < FREE_TRANSLATION_M:  # the rest says nothing of it
         return np.full(3, np.nan), np.inf, 0.0
     which = np.ix_(known, known)
     squared = off_m[known] @ np.linalg.solve(both[which], off_m[known])

@@ -15,10 +15,8 @@ from planfit.adjust.rigid_motion import (
     rigid_information,
 )
 from planfit.findings import Finding, ResultKind
+from planfit.findings.finding import FEW_NAMED
 from planfit.lsq.blocks import NormalBlocks
-
-MAX_NAMED = 4
-"""Without the odometry term a scan may fall into dozens of pieces."""
 
 
 def observability_findings(
@@ -44,9 +42,9 @@ def observability_findings(
             is_whole = len(frames) == n
             runs = () if is_whole else _frame_runs(frames, measurements.frame_idx)
             found += _free_motions(covariance, runs)
-    if len(found) > MAX_NAMED:
-        more = Finding(ResultKind.MORE_HELD_WEAKLY, {"piece_count": len(found) - MAX_NAMED})
-        found = [*found[:MAX_NAMED], more]
+    if len(found) > FEW_NAMED:  # without the odometry term a scan may fall into dozens of pieces
+        more = Finding(ResultKind.MORE_HELD_WEAKLY, {"piece_count": len(found) - FEW_NAMED})
+        found = [*found[:FEW_NAMED], more]
     return tuple(found)
 
 

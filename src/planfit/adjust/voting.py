@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import PatchesOnPlan, wall_patches_in_plan
 from planfit.floorplan.nearest_faces import distances_of_segments
+from planfit.priors import WALL_SPREAD_M
 
 STAY = 0.01
 """Observations that speak against a shift by the largest that is tried, along each axis: where walls tell
@@ -18,9 +19,9 @@ nothing, as along a corridor or off the plan, a stretch stays where it was align
 
 MAX_SHIFT_M = 0.8
 """Largest shift that is tried, each axis."""
-STEP_M = 0.05
+STEP_M = WALL_SPREAD_M.value
 """Shifts are tried this far apart."""
-SIGMA_M = 0.06
+SIGMA_M = WALL_SPREAD_M.value
 """A patch votes for the shifts that bring it to a face, within this."""
 PATCHES_PER_STRETCH = 16
 """Wall patches of one stretch, about."""

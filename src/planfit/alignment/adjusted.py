@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.alignment.align import FULL_SAMPLES, Alignment, OtherScale
+from planfit.alignment.align import Alignment, OtherScale
 from planfit.alignment.evidence import NOTHING_JUDGED, PlanEvidence, plan_evidence
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.plan_scale import is_of_lines
@@ -93,7 +93,7 @@ def judge_adjusted(
         alignment: that the adjustment began with.
         options: whether a person chose the alignment.
     """
-    samples = thin(walls, FULL_SAMPLES)
+    samples = thin(walls)
     here = AlignmentHypothesis(0.0, np.zeros(2), 0.0)
     score, seen_through = explained(samples, floorplan, here)
     # Surveyed points are sure of their place until walls clearly put the scan beside it.

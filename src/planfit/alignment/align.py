@@ -44,8 +44,8 @@ from planfit.floorplan import Floorplan
 from planfit.geometry.se3 import wrap_angle
 from planfit.runtime import short_repr
 
-COARSE_SAMPLES, QUICK_SAMPLES, FULL_SAMPLES = 4000, 400, 2500
-"""Samples of wall that the three stages look at."""
+COARSE_SAMPLES, QUICK_SAMPLES = 4000, 400
+"""Samples of wall that the first two stages look at."""
 FULL_HYPOTHESES = 10
 """Hypotheses that are refined with all samples."""
 RUN_TOGETHER = SameWithin(translation_m=0.3, yaw_deg=1.0, scale=0.005)
@@ -252,7 +252,7 @@ def _with_nonrigid(
     selection: Selection, walls: WallSamples, floorplan: Floorplan, n_scales: int
 ) -> Selection:
     """The selection with the taken hypothesis refined non-rigidly, and judged by segments of the walk."""
-    samples, rigid = thin(walls, FULL_SAMPLES), selection.taken
+    samples, rigid = thin(walls), selection.taken
     nonrigid = refine_nonrigid(samples, floorplan, rigid, n_scales)
     taken = replace(
         rigid, yaw=nonrigid.yaw, translation=nonrigid.translation, scale_xy=nonrigid.scale_xy
@@ -356,7 +356,7 @@ def _refined(
     samples = thin(walls, QUICK_SAMPLES)
     refined = [refine_hypothesis(samples, floorplan, each, quick) for each in found]
     refined = [each for each in refined if _is_allowed(each, scales, regions)] or refined[-1:]
-    samples = thin(walls, FULL_SAMPLES)
+    samples = thin(walls)
     best = keep_distinct(_best_first(refined), samples, RUN_TOGETHER, FULL_HYPOTHESES)
     found = [refine_hypothesis(samples, floorplan, each, full) for each in best]
     return _best_first([with_way(walls, floorplan, each) for each in found])

@@ -21,8 +21,6 @@ from planfit.floorplan.nearest_faces import nearest_beside
 from planfit.geometry import segments
 from planfit.runtime import short_repr
 
-MAX_SAMPLES = 2500
-"""Samples of wall that lines of sight are taken of."""
 MAX_SEEN_THROUGH, MIN_JUDGED_M = 0.5, 10.0
 """Where more of the plan's wall was seen through than was seen, it stands elsewhere. Measured: right plans 0
 to 0.23; another building's, at the place that fits best, 0.05 to 0.8."""
@@ -39,7 +37,7 @@ MAX_OFFSET_M = 0.05
 MIN_ON_LINES = 0.5
 """Share of the wall near the plan that must lie on lines of unknown side before these are asked about."""
 COVERED_M = 0.3
-"""A sample of a face is explained by scanned wall within this that looks the same way."""
+"""Scanned wall within this of a face that looks the same way is of it."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def plan_evidence(
     walked = walked_through_share(walls, floorplan, hypothesis)
     ends, normals = scaled_faces(floorplan, np.array(hypothesis.scale_xy))
     rotation, translation = rotation_2d(hypothesis.yaw), hypothesis.translation
-    walls = thin(walls, MAX_SAMPLES)
+    walls = thin(walls)
     xy = walls.xy @ rotation.T + translation
     free_xy = free_space(walls, CELL_M) @ rotation.T + translation
     samples, face = segments.sample(ends, CELL_M)

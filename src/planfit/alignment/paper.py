@@ -19,6 +19,7 @@ from planfit.alignment.wall_samples import WallSamples, thin
 from planfit.errors import ScanError
 from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
+from planfit.priors import SURFACE_TILT_MOST_DEG
 
 FLOOR_BIN_M, FLOOR_CLEAR_M = 0.05, 0.2
 """Bins of the height histogram, and how far above its peak points still count as floor."""
@@ -27,7 +28,7 @@ N_POINTS, N_NEIGHBOURS = 20_000, 20
 MAX_RATIO_GAP = 0.05
 """Extents that differ by more than this share show that the scan does not cover the plan."""
 MIN_ORTHOGONAL_SHARE = 0.6
-"""Share of normals within 15 degrees of the two main directions; less is no building of right angles."""
+"""Share of normals near the two main directions; less is no building of right angles."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def align_paper(
     tried = [_try_yaw(boundary, floorplan, of_plan - main + k * np.pi / 2, rng) for k in range(4)]
     tried.sort(key=lambda each: each.distance_m)
     findings = _broken_assumptions(tried, boundary, floorplan, share)
-    samples = thin(walls, 2500)
+    samples = thin(walls)
     hypotheses = []
     for each in tried:
         score, occluded_share = explained(samples, floorplan, each.hypothesis)
@@ -137,7 +138,7 @@ def main_direction(normals: Float[np.ndarray, "n 2"]) -> tuple[float, float]:
     off = (angle - peak + 45.0) % 90.0 - 45.0
     near = np.abs(off) < 3.0
     fine = peak + (float(off[near].mean()) if near.any() else 0.0)
-    return float(np.deg2rad(fine)), float(np.mean(np.abs(off) < 15.0))
+    return float(np.deg2rad(fine)), float(np.mean(np.abs(off) < SURFACE_TILT_MOST_DEG.value))
 
 
 def _plan_direction(floorplan: Floorplan) -> float:

@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from planfit.alignment.align import (
     FULL_DISTANCES_M,
-    FULL_SAMPLES,
     Alignment,
     OtherScale,
     align,
@@ -36,17 +35,14 @@ OFF_SHARE = 0.006
 and depth, odometry and the bend that drift leaves are not surer."""
 OFF_SIGMAS = SURE_SIGMAS.value
 """A scale must be off by so many of its standard deviations too."""
-LOOK_SHARE = 0.004
-"""From this on, the scale that the walls alone prefer at the alignment as drawn is worth a search."""
 FAR_SHARE = 0.02
-"""A scale further off must explain more wall by `MIN_MARGIN`: at a nearer one, the walls of a
-small scan lie nearly as well on the plan as drawn."""
-CLEAR_SCORE = 0.55
-"""Share of wall that an alignment explains from which on it may be clear."""
+"""A scale further off must explain more wall by `MIN_MARGIN`: at a nearer one, the walls of a small scan lie
+nearly as well on the plan as drawn. So near to a unit, it is that unit."""
 CLEAR_GAIN = 0.1
 """What another scale must explain beyond the plan as drawn where neither place is sure."""
 SAME_SCORE = 0.03
-"""Another scale must explain this much more wall than centre lines of walls do."""
+"""Shares of explained wall that differ by less tell nothing: of another scale and centre lines of walls, of
+jumps at neighbouring steps, of storeys that are alike."""
 HALF_THICKNESS_M = (0.04, 0.07, 0.1, 0.15)
 """Of walls that may be drawn by their centre lines."""
 METRES_PER_UNIT = {
@@ -58,11 +54,7 @@ METRES_PER_UNIT = {
     "metres on paper at 1:100": 100.0,
     "metres on paper at 1:200": 200.0,
 }
-NEAR_UNIT = 0.02
-"""A scale this near to a unit, as a share, is that unit."""
-SAME_UNIT = 0.2
-"""A plan that fits at a scale this near to 1, as a share, is in metres: no unit is so near to another."""
-BETTER_SCORE = 0.2
+BETTER_SCORE = 2 * CLEAR_GAIN
 """What another unit must explain beyond what metres do."""
 
 
@@ -89,15 +81,15 @@ def find_plan_scale(
     """
     if not floorplan.is_metric or slack == 0 or _is_told(options):
         return None
-    is_clear = drawn.is_sure and drawn.score >= CLEAR_SCORE
-    if is_clear and abs(np.log(_preferred_scale(walls, floorplan, drawn))) < LOOK_SHARE:
+    is_clear = drawn.is_sure and drawn.score >= MIN_SCORE
+    if is_clear and abs(np.log(_preferred_scale(walls, floorplan, drawn))) < OFF_SHARE:
         return None
     found = align_within(walls, floorplan, options, slack, recorded, control_points)
     off = abs(np.log(found.metres_per_unit))
     gain = MIN_MARGIN if off > FAR_SHARE else 0.0
     # In a building that repeats itself no place is sure, and every place asks for the same scale.
-    is_plain = found.score >= max(CLEAR_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
-    if not LOOK_SHARE <= off <= np.log1p(slack):
+    is_plain = found.score >= max(MIN_SCORE, drawn.score + CLEAR_GAIN) and not drawn.is_sure
+    if not OFF_SHARE <= off <= np.log1p(slack):
         return None
     if not (found.is_sure or is_plain) or found.score <= drawn.score + gain:
         return None
@@ -160,10 +152,10 @@ def find_unit(
     if not found.is_sure or found.score < alignment.score + BETTER_SCORE:
         return None
     scale = found.metres_per_unit
-    if abs(np.log(scale)) <= np.log1p(SAME_UNIT):
+    if abs(np.log(scale)) <= np.log1p(LOOK_WITHIN):
         return None
     unit = min(METRES_PER_UNIT, key=lambda name: abs(np.log(scale / METRES_PER_UNIT[name])))
-    if abs(np.log(scale / METRES_PER_UNIT[unit])) < NEAR_UNIT:
+    if abs(np.log(scale / METRES_PER_UNIT[unit])) < FAR_SHARE:
         return unit, METRES_PER_UNIT[unit]
     return f"units of {scale:.4g} m", float(f"{scale:.4g}")
 
@@ -173,7 +165,7 @@ def score_of_centre_lines(walls: WallSamples, floorplan: Floorplan, drawn: Align
 
     Rooms that are drawn up to the centre lines of their walls look like rooms of a plan that is too large.
     """
-    samples = thin(walls, FULL_SAMPLES)
+    samples = thin(walls)
     start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
     steps = RefineSteps(FULL_DISTANCES_M)
     return max(
@@ -189,7 +181,7 @@ def is_of_lines(floorplan: Floorplan) -> bool:
 
 def _preferred_scale(walls: WallSamples, floorplan: Floorplan, drawn: Alignment) -> float:
     """The scale that the walls prefer near the alignment as drawn."""
-    samples = thin(walls, FULL_SAMPLES)
+    samples = thin(walls)
     start = AlignmentHypothesis.from_transform(drawn.plan_from_level)
     steps = RefineSteps(FULL_DISTANCES_M, n_scales=1)
     return refine_hypothesis(samples, floorplan, start, steps).metres_per_unit

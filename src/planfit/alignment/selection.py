@@ -50,6 +50,9 @@ buildings); right ones 0.77 to 1.47, one of 15 below 0.9 (`benchmarks/wrong_plan
 
 MIN_SCORE = 0.5
 """Below this share of seen wall that the plan explains, an alignment is not accepted as sure."""
+NULL_SCORE = 0.4
+"""Where less of a part of the scan is explained, it is elsewhere: any plan of the same building may explain
+so much, by what stands over each other."""
 MIN_MARGIN = 0.05
 """The best alignment must beat the next by this share of wall, else the answer is ambiguous."""
 DISTINCT_TRANSLATION_M = 1.0

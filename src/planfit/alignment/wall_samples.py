@@ -71,7 +71,7 @@ def sample_walls(
     return WallSamples(xy, normals[patch], None if seen_from is None else seen_from[patch])
 
 
-def thin(walls: WallSamples, max_samples: int) -> WallSamples:
+def thin(walls: WallSamples, max_samples: int = 2500) -> WallSamples:
     """At most about `max_samples`, evenly over the wall, each with how much it counts.
 
     Walls that a slow camera saw fifty times would outvote those that it passed once: samples are

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planfit.alignment.align import FULL_DISTANCES_M, FULL_SAMPLES, Alignment, HalfThickness
-from planfit.alignment.evidence import MIN_ON_LINES, median_with_sigma
+from planfit.alignment.align import FULL_DISTANCES_M, Alignment, HalfThickness
+from planfit.alignment.evidence import COVERED_M, MIN_ON_LINES, median_with_sigma
 from planfit.alignment.options import AlignOptions
 from planfit.alignment.plan_scale import HALF_THICKNESS_M, SAME_SCORE, may_be_rescaled
 from planfit.alignment.refine import (
@@ -38,8 +38,6 @@ THICKEST_HALF_M = WALL_THICKNESS_M.high / 2
 """Walls are not thicker than twice this, in the middle of a building's: else the plan is too large."""
 THINNEST_M = PARTITION_THICKNESS_M.middle
 """Walls that are drawn thinner may be strokes."""
-REACH_M = 0.3
-"""Scanned wall further from a face says nothing of its thickness."""
 SETTLED_M, MAX_ROUNDS = 0.002, 5
 MAX_PLACES = MAX_CANDIDATES
 
@@ -75,7 +73,7 @@ def _thickest_at(
         drawn_m = 0.5 * float(np.median(metric.thickness[stroke]))
     elif metric.is_oriented.all():
         return None
-    samples = thin(walls, FULL_SAMPLES)
+    samples = thin(walls)
     tried = _Tried(samples, metric, replace(place, scale_xy=(1.0, 1.0)), n_scales=1)
     best = tried.best()
     if floorplan.is_metric:
@@ -168,7 +166,7 @@ def offset_from_faces(
     rotation = rotation_2d(hypothesis.yaw)
     xy, towards = walls.xy @ rotation.T + hypothesis.translation, walls.normals @ rotation.T
     distance, face = nearest_beside(
-        xy, towards, thick.ends, thick.normals, thick.is_oriented, REACH_M
+        xy, towards, thick.ends, thick.normals, thick.is_oriented, COVERED_M
     )
     near = face >= 0
     is_of_line = near.copy()

@@ -22,12 +22,11 @@ from planfit.pipeline.options import RefineOptions
 from planfit.scan.odometry import Odometry
 from planfit.segmentation import no_structure
 from planfit.tracking import Tracking, in_metres
+from planfit.tracking.conventions import MIN_MORE
 from planfit.tracking.numbered import mount_of
 
 CLEARLY = 0.8
 """A tracker that errs by so much less once depth is corrected was not what erred."""
-AS_WELL = 0.1
-"""Share of the motions that one explanation may explain less than another, and still as well."""
 
 
 def errs(tracking: Tracking) -> bool:
@@ -60,7 +59,7 @@ def errs_clearly_less(corrected: Tracking, as_lifted: Tracking) -> bool:
     """
     fit, of_its_own = corrected.convention_fit, as_lifted.convention_fit
     if not _is_as_asked(as_lifted) and fit is not None and of_its_own is not None:
-        is_explained = fit.share >= of_its_own.share - AS_WELL
+        is_explained = fit.share >= of_its_own.share - MIN_MORE
         return corrected.metres_per_unit == 1.0 and not fit.is_mount and is_explained
     now, before = (float(np.prod(t.sigma_factors)) for t in (corrected, as_lifted))
     n_now, n_before = len(corrected.breaks), len(as_lifted.breaks)

@@ -25,6 +25,7 @@ from planfit.priors import (
     STOREY_HEIGHT_M,
     STRANGE_SIZE_SHARE,
     SURE_SIGMAS,
+    SURFACE_TILT_MOST_DEG,
     VIEW_DISTANCE_M,
     VIEW_DISTANCE_SIGMA_SHARE,
     WALL_HEIGHT_M,
@@ -45,7 +46,7 @@ FLOAT_UNITS = (MILLIMETRE, FOOT_M)
 ANY = 1e3
 """Units of poses' own lie between a thousandth of a metre and so many metres, and sizes that are not those of
 rooms within such a factor; each is as likely."""
-LEVEL = 0.96
+LEVEL = float(np.cos(np.deg2rad(SURFACE_TILT_MOST_DEG.value)))
 """Upward part of the normals of floors and tables, and downward part of ceilings'."""
 MIN_LEVEL = 50
 """Pixels of level surfaces that tell of a floor, or of a ceiling."""

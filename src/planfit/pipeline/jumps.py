@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from planfit.adjust import adjust_to_plan
 from planfit.alignment import judge_adjusted
-from planfit.alignment.plan_scale import CLEAR_GAIN
+from planfit.alignment.plan_scale import CLEAR_GAIN, SAME_SCORE
 from planfit.alignment.selection import MIN_SCORE
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
@@ -39,8 +39,6 @@ from planfit.tracking.types import describe_jump
 
 MAX_JUMPS = 3
 """Jumps that revisits and walls place together, one after the other."""
-SAME_SCORE = 0.02
-"""Shares of explained wall that differ by less tell nothing: a jump at the next step, two frames apart."""
 PARTS_GAIN = CLEAR_GAIN
 """By how much more of the wall has to be explained with parts of the walk placed one by one: each of them
 is free to go where it fits best."""

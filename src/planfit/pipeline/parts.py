@@ -18,6 +18,7 @@ from planfit.adjust.association import wall_patches_in_plan
 from planfit.adjust.voting import PATCHES_PER_STRETCH
 from planfit.alignment import AlignmentHypothesis, AlignOptions, ControlPoint, WallSamples, align
 from planfit.alignment.refine import OBSERVATION_M, closeness
+from planfit.alignment.selection import NULL_SCORE
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
 from planfit.matching.cycles import spanned_steps
@@ -34,8 +35,6 @@ from planfit.tracking.types import describe_jump, leaps, reach_m, size_of
 
 MIN_PATCHES = PATCHES_PER_STRETCH
 """Wall patches of a part that is placed by itself; smaller ones stay with the part beside them."""
-NULL_SCORE = 0.4
-"""A place that explains less than this of a part does not explain it."""
 NOT_DRAWN = 0.1
 """Share of wall that is on no plan, as cupboards are: no sample is less likely."""
 JUMPS_A_STEP = 0.01

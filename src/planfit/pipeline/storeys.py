@@ -20,8 +20,8 @@ from planfit.alignment import (
     judge_adjusted,
 )
 from planfit.alignment import align as search_alignment
-from planfit.alignment.plan_scale import CLEAR_GAIN
-from planfit.alignment.selection import AS_RECORDED_SHARE, SameWithin, is_same
+from planfit.alignment.plan_scale import CLEAR_GAIN, SAME_SCORE
+from planfit.alignment.selection import AS_RECORDED_SHARE, NULL_SCORE, SameWithin, is_same
 from planfit.errors import FloorplanError, ScanError, require
 from planfit.floorplan import Floorplan
 from planfit.floorplan.plans_on_sheet import join_storeys
@@ -43,12 +43,6 @@ from planfit.segmentation import Structure, number_storeys
 SHARED_M, SHARED_DEG = 1.0, 3.0
 """Plans in metres whose alignments agree so nearly share their axes: drift on the stairs between is less, and
 the origins of drawings that were made apart are metres apart."""
-_MIN_FIT = 0.4
-"""Share of a storey's wall that any plan of the same building may explain: what stands over each other. A
-storey is better left without a plan than given one that explains less."""
-_AS_NUMBERED = 0.02
-"""What a plan gains where its number is that of the storey counted from the lowest one walked: storeys that
-are alike fit alike."""
 _SWAPPED_BY = CLEAR_GAIN
 """By so much more of the wall (mean over storeys) plans fit in another order where they were swapped."""
 _MAX_PAIRS = 6
@@ -319,7 +313,9 @@ def _choose_plans(
         [[search_alignment(walls[k], plans[i], options).score for i in numbers] for k in seen]
     )
     as_numbered = seen[:, None] == np.array(numbers) - numbers[0]
-    worth = fits - _MIN_FIT + _AS_NUMBERED * as_numbered
+    # A storey is better left without a plan than given one that explains no more than others would; and where
+    # storeys are alike, plans are numbered from the lowest one walked.
+    worth = fits - NULL_SCORE + SAME_SCORE * as_numbered
     chosen = _best(worth, in_order=True)
     best = _best(worth, in_order=False)
     gain = (_worth(worth, best) - _worth(worth, chosen)) / max(len(best), 1)

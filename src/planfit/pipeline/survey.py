@@ -14,7 +14,6 @@ from jaxtyping import Float, Int
 from planfit.adjust import build_problem
 from planfit.adjust.terms.control import ControlMarks
 from planfit.alignment import SETTLED_BY_POINTS
-from planfit.alignment.align import FULL_SAMPLES
 from planfit.alignment.options import ControlPoint
 from planfit.alignment.refine import AlignmentHypothesis, explained
 from planfit.alignment.wall_samples import thin
@@ -336,7 +335,7 @@ def _with_own_score(on_plan: ScanOnPlan, held: HeldScan) -> ScanOnPlan:
         return on_plan
     walls = wall_samples(held.prepared.measurements.structure, held.prepared.level_from_keys)
     here = AlignmentHypothesis.from_transform(on_plan.plan_from_level)
-    score, _ = explained(thin(walls, FULL_SAMPLES), plan.used(), here)
+    score, _ = explained(thin(walls), plan.used(), here)
     return replace(on_plan, alignment=replace(found, score=score))
 
 

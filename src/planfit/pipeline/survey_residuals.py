@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from planfit.adjust.left_out import PointLeftOut
+from planfit.adjust.left_out import CONTRADICTED_SIGMAS, PointLeftOut
 from planfit.findings import Finding, SurveyKind
 from planfit.pipeline.on_plan import SurveyOnPlan
 from planfit.pipeline.survey import SurveyedScan
@@ -66,8 +66,6 @@ def _with_left_out(point: PointResidual, without: PointLeftOut | None) -> PointR
     )
 
 
-CONTRADICTED_SIGMAS = 4.0
-"""A control point that ends further from its place than so many sigmas contradicts the rest."""
 BELIEVED_FACTOR = 2.0
 """Check points whose RMS is by this factor above the predicted error, and above their own sigmas, show that
 something is not known."""

@@ -29,8 +29,6 @@ NO_BETTER_ADVICE = (
 )
 _VOUCHED_SHARE = 0.95
 """Share of the frames that must be expected to lie within the tolerance: what surveyors promise."""
-_LIKELIER_WITHIN = 0.5
-"""Of a vouched result, a stretch of the walk that is likelier to lie beyond the tolerance is named."""
 _OF_FRAMES_ALONE = {"floor", "ceiling", "odometry"}
 """Terms that bring no two frames together but by the recorded motion."""
 _HELD_BY_WALLS_SHARE = 0.5
@@ -273,7 +271,8 @@ def _of_other_scale(evidence: Evidence) -> list[Finding]:
 def _of_unsure_places(evidence: Evidence, tolerance_m: float) -> list[Finding]:
     """Stretches of the walk that may lie beyond the tolerance; of the whole, whether in another optimum."""
     within, enough = evidence.probability_within(tolerance_m), _is_vouched(evidence, tolerance_m)
-    least = _LIKELIER_WITHIN if enough else _VOUCHED_SHARE
+    # Of a vouched result, a stretch of the walk that is likelier to lie beyond the tolerance is named.
+    least = 0.5 if enough else _VOUCHED_SHARE
 
     def share_of(first: int, last: int) -> float:
         return float(within[first : last + 1].mean())

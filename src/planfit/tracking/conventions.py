@@ -27,6 +27,7 @@ from planfit.tracking.motions import (
     squared_sigmas,
 )
 from planfit.tracking.numbered import (
+    MIN_DEPARTURE,
     MOUNT,
     OPTICAL_AXES,
     UNIT,
@@ -61,9 +62,6 @@ floor does, agree with any convention, and a few false motions among them would 
 MAX_UNIT_ERROR = 1.5
 """Factor up to which the lengths of recorded and measured steps agree in the right unit. Noise makes a
 smaller unit likelier than it should be."""
-
-NAMED_WITHIN = 1.05
-"""Factor within which a unit is one that has a name."""
 
 Poses = Float[np.ndarray, "n 4 4"]
 
@@ -332,7 +330,9 @@ def best_convention(
 def _own_unit(poses: Poses, motions: MeasuredMotions) -> float | None:
     """Metres of the unit that measured motions show, where it is none that has a name."""
     metres = unit_by_motions(poses, motions)
-    if metres is None or any(1 / NAMED_WITHIN < metres / u < NAMED_WITHIN for u in _UNITS.values()):
+    if metres is None or any(
+        1 / MIN_DEPARTURE < metres / u < MIN_DEPARTURE for u in _UNITS.values()
+    ):
         return None
     return metres
 
