@@ -12,6 +12,7 @@ from planfit.adjust.moved_walls import MIN_SIGMAS, find_moved
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
 
@@ -37,9 +38,7 @@ class PlanTask:
     moved_m: Float[np.ndarray, " f"] | None = None
     """Of faces that stand elsewhere than drawn; see `PlanCorrespondences`."""
 
-    def associated(
-        self, plan_from_cams: Float[np.ndarray, "n 4 4"], distance_m: float
-    ) -> PlanCorrespondences:
+    def associated(self, plan_from_cams: Poses, distance_m: float) -> PlanCorrespondences:
         """Correspondences at poses, within a distance (m)."""
         return associate_with_plan(
             self.measurements.structure,
@@ -51,14 +50,14 @@ class PlanTask:
             self.moved_m,
         )
 
-    def walls_at(self, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> PatchesOnPlan:
+    def walls_at(self, plan_from_cams: Poses) -> PatchesOnPlan:
         """Patches of wall at poses."""
         structure, options = self.measurements.structure, self.options.association
         walls = structure.walls
         return PatchesOnPlan(walls, self.floorplan, plan_from_cams, options, structure.storeys)
 
     def problem(
-        self, plan_from_cams: Float[np.ndarray, "n 4 4"], correspondences: PlanCorrespondences
+        self, plan_from_cams: Poses, correspondences: PlanCorrespondences
     ) -> AdjustmentProblem:
         """The problem that begins at poses."""
         return build_problem(
@@ -79,14 +78,12 @@ class Alternation:
     converged: bool
 
     @property
-    def plan_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
+    def plan_from_cams(self) -> Poses:
         """Poses, without what stands behind them among the unknowns."""
         return self.solution.target_from_cams[: self.problem.n_cams]
 
 
-def alternate(
-    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"], distances_m: Sequence[float]
-) -> Alternation:
+def alternate(task: PlanTask, plan_from_cams: Poses, distances_m: Sequence[float]) -> Alternation:
     """Associate and solve at each distance until the association settles there."""
     rounds, iterations = 0, 0
     end: Alternation | None = None
@@ -107,11 +104,7 @@ def alternate(
     return end
 
 
-def narrow(
-    task: PlanTask,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    widths: Float[np.ndarray, " k"],
-) -> Float[np.ndarray, "n 4 4"]:
+def narrow(task: PlanTask, plan_from_cams: Poses, widths: Float[np.ndarray, " k"]) -> Poses:
     """Poses after graduated non-convexity of the walls' loss, each patch from a width of its own.
 
     Each stage associates once, within twice the scale of the patch's loss, and takes some steps. What

@@ -9,6 +9,7 @@ from planfit.adjust.mutual_walls import mutually_nearest
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import END_MARGIN_M, BesideRule, nearest_of_segments
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.priors import PATCH_TURN_MOST_DEG
 from planfit.runtime import short_repr
 from planfit.segmentation import Structure, WallPatches
@@ -37,7 +38,7 @@ class PatchesOnPlan:
 
     patches: WallPatches
     floorplan: Floorplan
-    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    plan_from_cams: Poses
     options: AssociationOptions
     storeys: Int[np.ndarray, " n"] | None = None
     """That each frame stands on, where the plan has storeys."""
@@ -126,7 +127,7 @@ class PlanCorrespondences:
 def associate_with_plan(
     structure: Structure,
     floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     max_distance_m: float,
     options: AssociationOptions,
     ceiling_heights_m: Float[np.ndarray, " n"],
@@ -160,7 +161,7 @@ def displaced(floorplan: Floorplan, offsets_m: Float[np.ndarray, " f"]) -> Floor
 def associate(
     patches: WallPatches,
     floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     max_distance_m: float,
     options: AssociationOptions,
     storeys: Int[np.ndarray, " n"] | None = None,
@@ -191,7 +192,7 @@ def associate(
 
 
 def wall_patches_in_plan(
-    patches: WallPatches, plan_from_cams: Float[np.ndarray, "n 4 4"]
+    patches: WallPatches, plan_from_cams: Poses
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, "k 2 2"]]:
     """Unit normals and ends (m) of upright patches, plan frame, seen from above."""
     poses = plan_from_cams[patches.frame_idx]

@@ -17,6 +17,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.robust import loss_value
 from planfit.priors import MIN_WITNESSES
 from planfit.runtime import let_go
@@ -31,9 +32,7 @@ _MIN_GAIN = RIVAL_COST
 """Cost that is saved where they are one, at least: errors of frames of one ceiling are not independent."""
 
 
-def find_ceilings(
-    structure: Structure, level_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, " n"]:
+def find_ceilings(structure: Structure, level_from_cams: Poses) -> Float[np.ndarray, " n"]:
     """Height (m) of the ceiling that each frame sees, level frame; NaN where it is none of the common.
 
     Args:
@@ -51,9 +50,7 @@ def find_ceilings(
     return found
 
 
-def level_middles(
-    level: LevelPoints, level_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, " n"]:
+def level_middles(level: LevelPoints, level_from_cams: Poses) -> Float[np.ndarray, " n"]:
     """Height (m) of the middle of each frame's points of a floor or ceiling; NaN where it has none."""
     start = level.start
     middles = np.full(len(level_from_cams), np.nan)
@@ -79,7 +76,7 @@ def _common_heights(middle: np.ndarray) -> list[float]:
 
 
 def settle_ceilings(
-    measurements: Measurements, plan_from_cams: Float[np.ndarray, "n 4 4"], options: AdjustOptions
+    measurements: Measurements, plan_from_cams: Poses, options: AdjustOptions
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Height (m) of the ceiling that each frame sees, NaN where it is none of the common; and the heights
     (m) of the cameras to begin with, which differ from those given where two ceilings were found to be one.
@@ -115,10 +112,10 @@ def settle_ceilings(
 
 def _solved(
     measurements: Measurements,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     heights_m: Float[np.ndarray, " n"],
     options: AdjustOptions,
-) -> Float[np.ndarray, "n 4 4"]:
+) -> Poses:
     """Poses of a solve without the plan, ceilings at given heights."""
     problem = build_problem(measurements, options, plan_from_cams)
     problem = replace(problem, ceiling=ceiling_term(measurements, heights_m, options))
@@ -127,7 +124,7 @@ def _solved(
 
 def _cost(
     measurements: Measurements,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     heights_m: Float[np.ndarray, " n"],
     options: AdjustOptions,
 ) -> float:

@@ -28,6 +28,7 @@ from planfit.adjust.problem import build_problem
 from planfit.adjust.shifts import Shift, on_other_copy, other_places
 from planfit.adjust.terms.walls import observations_of
 from planfit.adjust.voting import MAX_SHIFT_M, PATCHES_PER_STRETCH, vote
+from planfit.geometry.se3 import Poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.robust import loss_value
@@ -66,7 +67,7 @@ MAX_REACH_M = 0.6
 class Rival:
     """Another optimum that a start ended in: it costs more, though perhaps little."""
 
-    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    plan_from_cams: Poses
     excess_cost: float
     """Full cost above that of the result; of the same poses put elsewhere as a whole, by the odds that other
     walls were moved."""
@@ -77,7 +78,7 @@ class Rival:
         return float(np.exp(-self.excess_cost / RIVAL_COST))
 
 
-def rival_by_odds(plan_from_cams: Float[np.ndarray, "n 4 4"], odds: float) -> Rival:
+def rival_by_odds(plan_from_cams: Poses, odds: float) -> Rival:
     """A rival that is right so often for each time that the result is; none is likelier than the result."""
     return Rival(plan_from_cams, max(-RIVAL_COST * float(np.log(odds)), 0.0))
 
@@ -92,7 +93,7 @@ class Competition:
     scan fits, if other walls were moved."""
 
 
-def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Competition:
+def best_of_starts(task: PlanTask, plan_from_cams: Poses) -> Competition:
     """Adjust from one start after the other, until the best is confirmed or clearly good; the cheapest end.
 
     The second start should look far: two narrow ones agree on the same wrong place. Where two end
@@ -105,7 +106,7 @@ def best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -
     return _with_other_places(task, _best_of_starts(task, plan_from_cams))
 
 
-def _best_of_starts(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Competition:
+def _best_of_starts(task: PlanTask, plan_from_cams: Poses) -> Competition:
     first, *others = task.options.starts
     best = _adjust(task, first, plan_from_cams)
     if not others or is_clear(task, best):
@@ -178,9 +179,7 @@ def _elsewhere(task: PlanTask, end: Alternation, by_m: Float[np.ndarray, " 2"]) 
     return without_moved_walls(task, alternate(task, start, task.options.wall_distances_m[-1:]))
 
 
-def _shifted(
-    plan_from_cams: Float[np.ndarray, "n 4 4"], by_m: Float[np.ndarray, " 2"]
-) -> Float[np.ndarray, "n 4 4"]:
+def _shifted(plan_from_cams: Poses, by_m: Float[np.ndarray, " 2"]) -> Poses:
     there = plan_from_cams.copy()
     there[:, :2, 3] += by_m
     return there
@@ -200,7 +199,7 @@ def full_cost(task: PlanTask, end: Alternation) -> float:
     return solved + float(limits(task)[lost].sum()) + PRICE * n_walls
 
 
-def _adjust(task: PlanTask, name: str, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Alternation:
+def _adjust(task: PlanTask, name: str, plan_from_cams: Poses) -> Alternation:
     start = _STARTS[name](task, plan_from_cams)
     return alternate(task, start, task.options.wall_distances_m[-1:])
 
@@ -239,15 +238,11 @@ def _far(task: PlanTask) -> Float[np.ndarray, " 1"]:
     return np.array([(task.options.wall_distances_m[-1] / task.options.model("walls").sigma) ** 2])
 
 
-def _as_aligned(
-    _: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "n 4 4"]:
+def _as_aligned(_: PlanTask, plan_from_cams: Poses) -> Poses:
     return plan_from_cams
 
 
-def _reaching(
-    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "n 4 4"]:
+def _reaching(task: PlanTask, plan_from_cams: Poses) -> Poses:
     """Each patch reaches as far as its pose may be off."""
     problem = build_problem(task.measurements, task.options, plan_from_cams)
     patches = task.measurements.structure.walls
@@ -255,15 +250,13 @@ def _reaching(
     return narrow(task, plan_from_cams, _widths(task, REACH_SIGMAS * sigmas))
 
 
-def _wide(task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
+def _wide(task: PlanTask, plan_from_cams: Poses) -> Poses:
     """Every patch reaches as far as any may: where the recorded motion is worse than its sigmas."""
     n_patches = len(task.measurements.structure.walls)
     return narrow(task, plan_from_cams, _widths(task, np.full(n_patches, np.inf)))
 
 
-def _voted(
-    task: PlanTask, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "n 4 4"]:
+def _voted(task: PlanTask, plan_from_cams: Poses) -> Poses:
     """Stretches first shifted to where most of their wall finds faces."""
     patches, options = task.measurements.structure.walls, task.options
     walls = options.model("walls")
@@ -292,9 +285,7 @@ _STARTS: dict[str, Callable[[PlanTask, np.ndarray], np.ndarray]] = {
 
 
 def patch_sigmas(
-    patches: WallPatches,
-    scan_terms: Sequence[Term],
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    patches: WallPatches, scan_terms: Sequence[Term], plan_from_cams: Poses
 ) -> Float[np.ndarray, " k"]:
     """Standard deviation (m) of each wall patch's place along its normal, before walls take part.
 

@@ -17,6 +17,7 @@ from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.uncertainty.error_model import ErrorModel
 from planfit.adjust.uncertainty.wall_tests import WallTest, run_wall_tests
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 
 MIN_ODDS = 10.0
 """That a wall was moved, for each time that it was not: then it is let go of."""
@@ -105,7 +106,5 @@ def _rivals(end: Alternation, tests: Sequence[WallTest]) -> list[Rival]:
     ]
 
 
-def _changed(
-    plan_from_cams: Float[np.ndarray, "n 4 4"], change: Float[np.ndarray, "u 6"]
-) -> Float[np.ndarray, "n 4 4"]:
+def _changed(plan_from_cams: Poses, change: Float[np.ndarray, "u 6"]) -> Poses:
     return se3.retract(plan_from_cams, change[: len(plan_from_cams)])

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.adjust.terms.observation_models import FLOOR
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.priors import (
     FLOOR_SLOPE_MOST_SHARE,
     MIN_WITNESSES,
@@ -82,7 +83,7 @@ class Lean:
     """Of each, by the spread of the patches alone; infinite where too few were seen."""
 
 
-def lean_of_walls(walls: WallPatches, level_from_cams: Float[np.ndarray, "n 4 4"]) -> Lean:
+def lean_of_walls(walls: WallPatches, level_from_cams: Poses) -> Lean:
     """How far from upright the walls stand, by planes fitted to their patches."""
     every = max(1, len(walls) // _MAX_PATCHES)
     normals = [
@@ -107,7 +108,7 @@ def lean_of_walls(walls: WallPatches, level_from_cams: Float[np.ndarray, "n 4 4"
     return Lean(tilt, spread * float(np.sqrt(np.trace(np.linalg.inv(information)) / 2)))
 
 
-def set_upright(level_from_cams: Float[np.ndarray, "n 4 4"], lean: Lean) -> np.ndarray:
+def set_upright(level_from_cams: Poses, lean: Lean) -> np.ndarray:
     """Poses turned so that walls stand upright; the same where walls do not tell."""
     if not np.isfinite(lean.sigma_rad):
         return level_from_cams
@@ -118,9 +119,7 @@ def set_upright(level_from_cams: Float[np.ndarray, "n 4 4"], lean: Lean) -> np.n
 
 
 def find_pieces(
-    floor: LevelPoints,
-    level_from_cams: Float[np.ndarray, "n 4 4"],
-    rng: np.random.Generator,
+    floor: LevelPoints, level_from_cams: Poses, rng: np.random.Generator
 ) -> FloorPieces | None:
     """Planes on which the floor lies that people stand on; None where nobody was seen to stand anywhere.
 
@@ -160,9 +159,7 @@ def find_pieces(
     return FloorPieces(planes[kept] - np.array([0.0, 0.0, planes[main, 2]]), tuple(heights_m))
 
 
-def flattened(
-    floor: LevelPoints, level_from_cams: Float[np.ndarray, "n 4 4"], pieces: FloorPieces
-) -> LevelPoints:
+def flattened(floor: LevelPoints, level_from_cams: Poses, pieces: FloorPieces) -> LevelPoints:
     """Points as they would have been measured if the floor were level at the main piece's height."""
     poses = level_from_cams[floor.frame_idx]
     points = se3.transform_each(poses, floor.points_cam)
@@ -256,9 +253,7 @@ def _standing_on(
     return standing
 
 
-def _normal(
-    walls: WallPatches, j: int, level_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "3"] | None:
+def _normal(walls: WallPatches, j: int, level_from_cams: Poses) -> Float[np.ndarray, "3"] | None:
     """Unit normal of the plane through a patch, level frame; None where the patch is low."""
     rotation = level_from_cams[walls.frame_idx[j], :3, :3]
     points = walls.points_cam[walls.start[j] : walls.start[j + 1]] @ rotation.T

@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from planfit.adjust.measurements import Measurements
 from planfit.adjust.terms.control import ControlMarks
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import Matches, SurfacePairs
 from planfit.segmentation import LevelPoints, Structure, WallPatches
 
@@ -25,15 +26,13 @@ class Keyframes:
     """Increasing; the first and the last frame are among them."""
     nearest: Int[np.ndarray, " n"]
     """Position in frame_idx of the keyframe that a frame is held to."""
-    key_from_cam: Float[np.ndarray, "n 4 4"]
+    key_from_cam: Poses
     """Recorded motion from each frame to that keyframe."""
     first_from_keys: Float[np.ndarray, "k 4 4"]
     """Recorded poses of keyframes in the axes of the first."""
 
 
-def hold_to_keyframes(
-    world_from_cams: Float[np.ndarray, "n 4 4"], frame_idx: Int[np.ndarray, " k"]
-) -> Keyframes:
+def hold_to_keyframes(world_from_cams: Poses, frame_idx: Int[np.ndarray, " k"]) -> Keyframes:
     """Hold all frames of a recorded trajectory to keyframes.
 
     Args:
@@ -68,9 +67,7 @@ def reduce_measurements(measurements: Measurements, keyframes: Keyframes) -> Mea
     )
 
 
-def follow_keyframes(
-    target_from_keys: Float[np.ndarray, "k 4 4"], keyframes: Keyframes
-) -> Float[np.ndarray, "n 4 4"]:
+def follow_keyframes(target_from_keys: Float[np.ndarray, "k 4 4"], keyframes: Keyframes) -> Poses:
     """Poses of all frames from those of the keyframes.
 
     A frame between two keyframes is carried along by each, by the recorded motion; the two answers

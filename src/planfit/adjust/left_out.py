@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.problem import AdjustmentProblem
 from planfit.adjust.rigid_motion import FREE_TRANSLATION_M
+from planfit.geometry.se3 import Poses
 from planfit.lsq.covariance import factorised
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.robust import loss_value
@@ -99,7 +100,7 @@ class _Marks:
 
 
 def leave_out_control(
-    problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
+    problem: AdjustmentProblem, target_from_cams: Poses
 ) -> tuple[PointLeftOut, ...]:
     """Each control point that takes part, in the order of the survey; none where there are none."""
     marks = _marks_of(problem, target_from_cams)
@@ -111,9 +112,7 @@ def leave_out_control(
     return tuple(PointLeftOut(k, *alone[k], is_contradicted=k in out) for k in alone)
 
 
-def _marks_of(
-    problem: AdjustmentProblem, target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> _Marks | None:
+def _marks_of(problem: AdjustmentProblem, target_from_cams: Poses) -> _Marks | None:
     control, given = problem.control, problem.measurements.control
     if control is None or given.targets is None:
         return None

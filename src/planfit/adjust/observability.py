@@ -16,11 +16,12 @@ from planfit.adjust.rigid_motion import (
 )
 from planfit.findings import Finding, ResultKind
 from planfit.findings.finding import FEW_NAMED
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks
 
 
 def observability_findings(
-    problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
+    problem: AdjustmentProblem, plan_from_cams: Poses
 ) -> tuple[Finding, ...]:
     """Frames and pieces of the scan that matches, floor and plan do not hold."""
     n, measurements = len(plan_from_cams), problem.measurements
@@ -48,17 +49,13 @@ def observability_findings(
     return tuple(found)
 
 
-def frames_held(
-    problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Bool[np.ndarray, " n"]:
+def frames_held(problem: AdjustmentProblem, plan_from_cams: Poses) -> Bool[np.ndarray, " n"]:
     """Frames that anything measured holds: a match, the floor, the plan, a point or a term of the user's."""
     parts = _fixed_parts(problem, plan_from_cams)
     return _held(problem, parts, _links(problem, parts))
 
 
-def _fixed_parts(
-    problem: AdjustmentProblem, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> list[NormalBlocks]:
+def _fixed_parts(problem: AdjustmentProblem, plan_from_cams: Poses) -> list[NormalBlocks]:
     """What holds poses to something that does not move, linearised at these poses."""
     return [
         term.reweight(plan_from_cams)[0].normal_blocks(plan_from_cams)

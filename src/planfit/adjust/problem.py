@@ -41,6 +41,7 @@ from planfit.adjust.terms.wall_offsets import (
 from planfit.adjust.terms.walls import WallTerm
 from planfit.errors import require
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq.bounded import Allowance, solve_bounded
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.problem import Problem
@@ -119,7 +120,7 @@ class AdjustmentProblem:
         )
         return [*level, *walls, *_present(self.control), *self.extra, *_present(self.gauge)]
 
-    def costs(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> dict[str, float]:
+    def costs(self, target_from_cams: Poses) -> dict[str, float]:
         """Robust cost of each term at poses, for reports; faces as drawn, without the gauge's prior."""
         terms = [*self.scan_terms, *self.fixed_terms]
         return {term.name: term.reweight(target_from_cams)[1] for term in terms}
@@ -174,9 +175,7 @@ class AdjustmentProblem:
             )
         return offsets_m, sigmas_m
 
-    def _descend(
-        self, correspondences: PlanCorrespondences, start: Float[np.ndarray, "n 4 4"]
-    ) -> Solution:
+    def _descend(self, correspondences: PlanCorrespondences, start: Poses) -> Solution:
         """The paper's gradient descent on its own cost."""
         o, measurements, walls = self.options, self.measurements, correspondences.walls
         if measurements.kept is not None:
@@ -200,7 +199,7 @@ class AdjustmentProblem:
 def build_problem(
     measurements: Measurements,
     options: AdjustOptions,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     correspondences: PlanCorrespondences | None = None,
     extra_terms: Sequence[Term] = (),
 ) -> AdjustmentProblem:
@@ -252,7 +251,7 @@ def build_problem(
 
 def costs(
     measurements: Measurements,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     options: AdjustOptions,
     correspondences: PlanCorrespondences | None = None,
     extra_terms: Sequence[Term] = (),
@@ -381,7 +380,7 @@ def _n_associated_points(patches: WallPatches, association: Association) -> int:
     return int(np.diff(patches.start)[association.face_idx >= 0].sum())
 
 
-def _gauge_prior(target_from_cams: Float[np.ndarray, "n 4 4"], has_floor: bool) -> PosePriorTerm:
+def _gauge_prior(target_from_cams: Poses, has_floor: bool) -> PosePriorTerm:
     """Holds the first frame where it is, but for what the floor holds: height and tilt."""
     free = np.inf if has_floor else 1e-3
     sigma = np.array([free, free, 1e-3, 1e-3, 1e-3, free])

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.term import Term
 
@@ -52,9 +53,7 @@ def free_motions(
 
 
 def rigid_information(
-    parts: Sequence[NormalBlocks],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    frames: np.ndarray,
+    parts: Sequence[NormalBlocks], target_from_cams: Poses, frames: np.ndarray
 ) -> Float[np.ndarray, "6 6"]:
     """Information (J^T J) of terms on the motion of some frames as one rigid body.
 
@@ -78,7 +77,7 @@ def horizontal_covariance(
     return np.linalg.inv(seen_from_above + 1e-9 * np.eye(3))
 
 
-def hold_whole(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> bool:
+def hold_whole(terms: Sequence[Term], target_from_cams: Poses) -> bool:
     """Whether terms hold where the scan is as a whole, seen from above, so that no prior need do it."""
     if not terms:
         return False

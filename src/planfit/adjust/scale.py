@@ -21,6 +21,7 @@ from planfit.adjust.problem import build_problem, costs
 from planfit.adjust.schedule import PlanAdjustment, adjust_to_plan, plan_task
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_offsets
+from planfit.geometry.se3 import Poses
 from planfit.lsq.term import Term
 from planfit.priors import WALL_FACES_APART_M, WALL_THICKNESS_SIGMA_M
 
@@ -45,7 +46,7 @@ class _FittedThickness:
 
     floorplan: Floorplan
     """In metres."""
-    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    plan_from_cams: Poses
     """Adjusted to it."""
     scale_factor: float = 1.0
     """On the scale of the plan that was given."""
@@ -63,10 +64,7 @@ class ScaleRefit:
 
 
 def refit_scale(
-    measurements: Measurements,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    options: AdjustOptions,
+    measurements: Measurements, floorplan: Floorplan, plan_from_cams: Poses, options: AdjustOptions
 ) -> ScaleRefit:
     """Factor on the scale of a plan at which the walls strain everything else least.
 
@@ -105,10 +103,7 @@ def bottom_of_bowl(cost: Callable[[int], float]) -> tuple[float, float]:
 
 
 def cost_on_plan(
-    measurements: Measurements,
-    floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
-    options: AdjustOptions,
+    measurements: Measurements, floorplan: Floorplan, plan_from_cams: Poses, options: AdjustOptions
 ) -> float:
     """Full cost (squared sigmas) of all measurements adjusted to a plan whose walls stand as drawn.
 
@@ -120,9 +115,7 @@ def cost_on_plan(
     return full_cost(task, best_of_starts(task, poses).best)
 
 
-def about_middle(
-    plan_from_cams: Float[np.ndarray, "n 4 4"], factor: float
-) -> Float[np.ndarray, "n 4 4"]:
+def about_middle(plan_from_cams: Poses, factor: float) -> Poses:
     """Poses translated as a whole so that their middle stays at the same spot of a scaled drawing."""
     moved = plan_from_cams.copy()
     moved[:, :2, 3] += (factor - 1.0) * plan_from_cams[:, :2, 3].mean(axis=0)
@@ -141,7 +134,7 @@ def _cost(measurements: Measurements, adjusted: PlanAdjustment, options: AdjustO
 def fit_thickness(
     measurements: Measurements,
     floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     options: AdjustOptions,
     odometry_scale_sigma: float,
     plan_scale_sigma: float = 0.0,

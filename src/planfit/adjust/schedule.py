@@ -29,6 +29,7 @@ from planfit.adjust.torn_steps import (
 )
 from planfit.findings import Finding
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Solution
 from planfit.lsq.term import Term
@@ -36,9 +37,7 @@ from planfit.runtime import short_repr
 
 
 def close_loops(
-    measurements: Measurements,
-    level_from_cams: Float[np.ndarray, "n 4 4"],
-    options: AdjustOptions,
+    measurements: Measurements, level_from_cams: Poses, options: AdjustOptions
 ) -> Solution:
     """Make the scan agree with itself: matches, floor and odometry, the first frame held.
 
@@ -69,9 +68,7 @@ class ClosedLoops:
 
 
 def close_loops_untorn(
-    measurements: Measurements,
-    level_from_cams: Float[np.ndarray, "n 4 4"],
-    options: AdjustOptions,
+    measurements: Measurements, level_from_cams: Poses, options: AdjustOptions
 ) -> ClosedLoops:
     """Close loops, give up the visits that tear a recorded step, and again, until no step is torn by one.
 
@@ -132,7 +129,7 @@ class PlanAdjustment:
 def adjust_to_plan(
     measurements: Measurements,
     floorplan: Floorplan | None,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     options: AdjustOptions,
     extra_terms: Sequence[Term] = (),
 ) -> PlanAdjustment:
@@ -163,10 +160,10 @@ def adjust_to_plan(
 def plan_task(
     measurements: Measurements,
     floorplan: Floorplan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     options: AdjustOptions,
     extra_terms: Sequence[Term] = (),
-) -> tuple[PlanTask, Float[np.ndarray, "n 4 4"]]:
+) -> tuple[PlanTask, Poses]:
     """What is adjusted to what, and the poses to begin with, at the heights that floors and ceilings give."""
     ceilings_m, cameras_m = settle_ceilings(measurements, plan_from_cams, options)
     plan_from_cams = plan_from_cams.copy()
@@ -255,7 +252,7 @@ def _moved_walls(
 
 def _adjust_alone(
     measurements: Measurements,
-    level_from_cams: Float[np.ndarray, "n 4 4"],
+    level_from_cams: Poses,
     options: AdjustOptions,
     extra_terms: Sequence[Term],
 ) -> PlanAdjustment:

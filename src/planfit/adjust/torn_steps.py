@@ -16,6 +16,7 @@ from planfit.adjust.measurements import Measurements
 from planfit.adjust.options import TermOptions
 from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import RelativePoses, group_visits, relative_poses_of
 from planfit.matching.cycles import (
     SIGMA_ROTATION_DEG,
@@ -74,9 +75,7 @@ class DroppedVisit:
 
 
 def find_torn_steps(
-    measurements: Measurements,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    options: TermOptions,
+    measurements: Measurements, target_from_cams: Poses, options: TermOptions
 ) -> tuple[TornStep, ...]:
     """Steps beyond their sigmas and beyond what is usual on this walk, the worst first."""
     odometry = measurements.odometry
@@ -91,9 +90,7 @@ def find_torn_steps(
     )
 
 
-def find_broken_steps(
-    measurements: Measurements, target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> tuple[TornStep, ...]:
+def find_broken_steps(measurements: Measurements, target_from_cams: Poses) -> tuple[TornStep, ...]:
     """Steps where no tracker walked, by decimetres or many degrees, in their order.
 
     Whatever is usual on this walk, and whether or not the odometry took part: a result's path that is broken
@@ -110,9 +107,7 @@ def find_broken_steps(
     return _described(measurements, target_from_cams, np.flatnonzero(is_broken))
 
 
-def _are_witnessed(
-    measurements: Measurements, target_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Bool[np.ndarray, " s"]:
+def _are_witnessed(measurements: Measurements, target_from_cams: Poses) -> Bool[np.ndarray, " s"]:
     """Steps over which enough pairs of frames nearby were matched whose motion is the solved one."""
     edges = relative_poses_of(measurements.matches)
     edges = edges[group_visits(edges, target_from_cams, measurements.odometry) < 0]
@@ -123,7 +118,7 @@ def _are_witnessed(
 
 
 def step_departures(
-    recorded: Float[np.ndarray, "s 4 4"], target_from_cams: Float[np.ndarray, "n 4 4"]
+    recorded: Float[np.ndarray, "s 4 4"], target_from_cams: Poses
 ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
     """How far (rad, m) each solved step departs from the recorded one; n = s + 1."""
     solved = se3.inverse(target_from_cams[:-1]) @ target_from_cams[1:]
@@ -135,9 +130,7 @@ def step_departures(
 
 
 def visits_that_tear(
-    measurements: Measurements,
-    recorded_from_cams: Float[np.ndarray, "n 4 4"],
-    torn: tuple[TornStep, ...],
+    measurements: Measurements, recorded_from_cams: Poses, torn: tuple[TornStep, ...]
 ) -> tuple[Bool[np.ndarray, " p"], tuple[DroppedVisit, ...]]:
     """Pairs (p,) of the visits that cannot be right where torn steps are, and those visits.
 
@@ -167,7 +160,7 @@ class _LoopPaths:
 
     edges: RelativePoses
     visit: Int[np.ndarray, " p"]
-    world_from_cams: Float[np.ndarray, "n 4 4"]
+    world_from_cams: Poses
     odometry: Odometry
 
     def contradicting(self, step: int, is_left: Bool[np.ndarray, " p"]) -> list[int]:
@@ -241,7 +234,7 @@ class _LoopPaths:
 
 
 def _in_sigmas(
-    odometry: Odometry, target_from_cams: Float[np.ndarray, "n 4 4"]
+    odometry: Odometry, target_from_cams: Poses
 ) -> tuple[Float[np.ndarray, " s"], Float[np.ndarray, " s"]]:
     """Departures of rotation and translation, norms of three numbers each."""
     rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)
@@ -249,9 +242,7 @@ def _in_sigmas(
 
 
 def _described(
-    measurements: Measurements,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    steps: Int[np.ndarray, " t"],
+    measurements: Measurements, target_from_cams: Poses, steps: Int[np.ndarray, " t"]
 ) -> tuple[TornStep, ...]:
     odometry = measurements.odometry
     rotation, translation = step_departures(odometry.cam_from_next, target_from_cams)

@@ -10,6 +10,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.association import PatchesOnPlan, wall_patches_in_plan
 from planfit.floorplan.nearest_faces import distances_of_segments
+from planfit.geometry.se3 import Poses
 from planfit.priors import WALL_SPREAD_M
 
 STAY = 0.01
@@ -33,9 +34,7 @@ BEND_SIGMA_M = 0.1
 """Sigma of the change of shift from one stretch to the next, each axis."""
 
 
-def vote(
-    seen: PatchesOnPlan, observations: Float[np.ndarray, " k"], max_shift_m: float
-) -> Float[np.ndarray, "n 4 4"]:
+def vote(seen: PatchesOnPlan, observations: Float[np.ndarray, " k"], max_shift_m: float) -> Poses:
     """Poses with each stretch shifted to where most of its wall finds faces, smoothly in between.
 
     Args:

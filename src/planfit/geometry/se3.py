@@ -15,6 +15,9 @@ from jaxtyping import Float, Int, Real
 
 from planfit.geometry.rotation_kernels import rotation_vectors
 
+Poses = Float[np.ndarray, "n 4 4"]
+"""A transform for each frame."""
+
 _SMALL_ANGLE_SQ = 1e-8
 
 POINTS_AT_A_TIME = 65_536
@@ -30,7 +33,7 @@ def transform(
 
 
 def transform_each(
-    target_from_sources: Float[np.ndarray, "n 4 4"], points: Float[np.ndarray, "n 3"]
+    target_from_sources: Poses, points: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """Map points, each by its own transform."""
     rotated = np.einsum("nij,nj->ni", target_from_sources[:, :3, :3], points)
@@ -38,7 +41,7 @@ def transform_each(
 
 
 def transform_indexed(
-    target_from_sources: Float[np.ndarray, "n 4 4"],
+    target_from_sources: Poses,
     idx: Int[np.ndarray, " m"],
     points: Float[np.ndarray, "m 3"],
 ) -> Float[np.ndarray, "m 3"]:

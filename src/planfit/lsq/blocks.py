@@ -13,6 +13,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def _upper(blocks: np.ndarray, i: np.ndarray, j: np.ndarray) -> np.ndarray:
 
 
 def relative_poses(
-    target_from_cams: Float[np.ndarray, "n 4 4"], pairs: Int[np.ndarray, "k 2"]
+    target_from_cams: Poses, pairs: Int[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, "k 4 4"]:
     """first_from_second of each pair, contiguous for compiled code."""
     first, second = target_from_cams[pairs[:, 0]], target_from_cams[pairs[:, 1]]
@@ -100,7 +101,7 @@ def blocks_of_relative_poses(
     pairs: Int[np.ndarray, "k 2"],
     hessians: Float[np.ndarray, "k 6 6"],
     gradients: Float[np.ndarray, "k 6"],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
 ) -> NormalBlocks:
     """Blocks by both poses from blocks by the tangent of first_from_second.
 

@@ -21,9 +21,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.errors import OptionError, require_positive
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.problem import Problem
 from planfit.lsq.solver import Cost, Solution, SolverOptions
@@ -79,16 +79,16 @@ class BarrierTerm:
     gamma: float
     name: str = "barrier"
 
-    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple["BarrierTerm", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["BarrierTerm", float]:
         """Nothing is frozen: weights are renewed wherever the cost is asked for."""
         return self, self.cost(target_from_cams)
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """The barrier at these poses."""
         room = self.bound - robust_cost(self.bounded_terms, target_from_cams)
         return self.gamma / room if room > 0 else math.inf
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gradient, and a Hessian that bounds the Gauss-Newton one from above.
 
         With f(e) = gamma / (e_t - e), g and H of e: gradient f' g, Hessian f' H + f'' g g^T. The last is
@@ -110,7 +110,7 @@ class BarrierTerm:
         )
 
 
-def growth_power(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+def growth_power(terms: Sequence[Term], target_from_cams: Poses) -> float:
     """Power with which the terms' cost at these poses grows with the common size of their residuals.
 
     2 for squares, 1 for unsquared norms; see the module's page. 2 where nothing costs anything.
@@ -125,7 +125,7 @@ def growth_power(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4
 def solve_bounded(
     bounded_terms: Sequence[Term],
     other_terms: Sequence[Term],
-    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
+    initial_target_from_cams: Poses,
     allowance: Allowance,
     solver_options: SolverOptions,
 ) -> BoundedSolution:

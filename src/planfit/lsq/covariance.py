@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
+from planfit.geometry.se3 import Poses
 from planfit.lsq.block_cholesky import BlockFactor
 from planfit.lsq.normal_equations import NormalEquations
 from planfit.lsq.term import Term
@@ -21,9 +22,7 @@ _MAX_SIGMA = 100.0
 
 
 def covariances(
-    terms: Sequence[Term],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    idx: Int[np.ndarray, " k"],
+    terms: Sequence[Term], target_from_cams: Poses, idx: Int[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 6 6"]:
     """Covariances [rad^2, rad m, m^2] of some poses, by tangents (rotation, translation), target axes.
 
@@ -51,9 +50,7 @@ def covariances(
 
 
 def blocks_of_inverse(
-    terms: Sequence[Term],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    idx: Int[np.ndarray, " k"],
+    terms: Sequence[Term], target_from_cams: Poses, idx: Int[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k 6 6"]:
     """As `covariances`, huge where nothing holds a pose."""
     blocks = [term.reweight(target_from_cams)[0].normal_blocks(target_from_cams) for term in terms]

@@ -15,6 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import PlanfitError
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 
 _VERTEX, _EDGE, _FIX = "VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", "FIX"
 _N_NUMBERS = {_VERTEX: 1 + 7, _EDGE: 2 + 7 + 21}
@@ -25,7 +26,7 @@ _N_NUMBERS = {_VERTEX: 1 + 7, _EDGE: 2 + 7 + 21}
 class PoseGraph:
     """Poses, and relative poses that were measured between them; what `BetweenTerm` takes."""
 
-    target_from_cams: Float[np.ndarray, "n 4 4"]
+    target_from_cams: Poses
     pairs: Int[np.ndarray, "e 2"]
     """First and second pose of each edge."""
     first_from_second: Float[np.ndarray, "e 4 4"]

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, relative_poses
 from planfit.lsq.moment_kernels import add_pair_blocks, add_plane_blocks, sum_pairs, sum_planes
 from planfit.lsq.robust import Loss
@@ -38,12 +39,12 @@ class PlaneMoments:
     moments: Float[np.ndarray, "k 4 4"]
     """Sums of w p~ p~^T, sigma in the weights."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squared distances."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         return 0.5 * float(np.einsum("ki,kij,kj->", planes_cam, self.moments, planes_cam))
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of the distances; see `moment_kernels`."""
         every = np.arange(len(target_from_cams))
         blocks, gradient = np.zeros((len(every), 6, 6)), np.zeros((len(every), 6))
@@ -74,7 +75,7 @@ class PairMoments:
         """Those of some pairs."""
         return PairMoments(self.pairs[which], self.aa[which], self.ab[which], self.bb[which])
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squared distances, in the frame of the first camera."""
         # Relative, so that squares of a building's extent do not cancel.
         a_from_b = relative_poses(target_from_cams, self.pairs)[:, :3]
@@ -85,7 +86,7 @@ class PairMoments:
             + np.einsum("kai,kij,kaj->", a_from_b, self.bb, a_from_b)
         )
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of the distances; see `moment_kernels`."""
         n_poses, n_pairs = len(target_from_cams), len(self.pairs)
         every = np.arange(n_poses)
@@ -112,7 +113,7 @@ def plane_moments(
     pose_idx: Int[np.ndarray, " k"],
     planes: Float[np.ndarray, "k 4"],
     weight_per_point: Float[np.ndarray, " k"],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     sigma: float,
     loss: Loss,
 ) -> tuple[PlaneMoments, float]:
@@ -149,7 +150,7 @@ def pair_moments(
     start: Int[np.ndarray, " l"],
     pairs: Int[np.ndarray, "k 2"],
     weight_per_point: Float[np.ndarray, " k"],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     loss: Loss,
 ) -> tuple[PairMoments, float]:
     """Reweight matched points of pairs and sum them; also the robust cost.

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import require, require_choice
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, blocks_of_rows, relative_pose_jacobians
 from planfit.lsq.residual_term import ResidualTerm, WeightedResiduals
 from planfit.lsq.robust import SQUARES, Loss
@@ -62,9 +63,7 @@ class BetweenTerm:
         """The same term with the scale of its loss times `factor`."""
         return replace(self, loss=self.loss.widened(factor))
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[WeightedResiduals, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[WeightedResiduals, float]:
         """Weights of the measurements at these poses."""
         return self.rows.reweight(target_from_cams)
 
@@ -191,18 +190,16 @@ class PosePriorTerm:
             f"term {self.name!r}: expected sigmas above 0, found {self.sigma}; infinity frees a direction",
         )
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple["PosePriorTerm", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["PosePriorTerm", float]:
         """Not robust: the term is its own quadratic."""
         return self, self.cost(target_from_cams)
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squares."""
         departure = se3.difference(target_from_cams[self.pose_idx], self.target_from_priors)
         return 0.5 * float(np.sum((departure / self.sigma) ** 2))
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks; the derivative of log is taken as one, exact at the prior."""
         departure = se3.difference(target_from_cams[self.pose_idx], self.target_from_priors)
         information = 1.0 / self.sigma**2

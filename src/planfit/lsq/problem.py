@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.errors import OptionError, require
+from planfit.geometry.se3 import Poses
 from planfit.lsq.covariance import covariances
 from planfit.lsq.solver import DEFAULTS, Solution, SolverOptions, solve
 from planfit.lsq.term import NamesPoses, Term, check_poses, robust_cost, widened
@@ -27,7 +28,7 @@ class Problem:
     """
 
     terms: Sequence[Term]
-    initial_target_from_cams: Float[np.ndarray, "n 4 4"]
+    initial_target_from_cams: Poses
     """Where a solve begins."""
 
     __repr__ = short_repr
@@ -43,7 +44,7 @@ class Problem:
             not twice, f"problem: expected a name of its own for each term, found {twice} again"
         )
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Sum of the robust costs at poses."""
         return robust_cost(self.terms, target_from_cams)
 
@@ -87,9 +88,7 @@ class Problem:
         return solution
 
     def covariances(
-        self,
-        target_from_cams: Float[np.ndarray, "n 4 4"],
-        idx: Int[np.ndarray, " k"] | Sequence[int],
+        self, target_from_cams: Poses, idx: Int[np.ndarray, " k"] | Sequence[int]
     ) -> Float[np.ndarray, "k 6 6"]:
         """Covariances of the poses `idx` where a solve ended; see `planfit.lsq.covariance`."""
         return covariances(self.terms, target_from_cams, np.asarray(idx, dtype=int))

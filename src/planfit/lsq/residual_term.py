@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError, require
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, blocks_of_rows
 from planfit.lsq.robust import SQUARES, Loss, loss_value
 from planfit.lsq.term import check_pose_idx, check_weight
@@ -75,9 +76,7 @@ class ResidualTerm:
         """The same term with the scale of its loss times `factor`."""
         return replace(self, loss=self.loss.widened(factor))
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple["WeightedResiduals", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["WeightedResiduals", float]:
         """Weights of the rows at these poses."""
         residuals = self.residuals(target_from_cams)
         information = self._information(*residuals.shape)
@@ -88,7 +87,7 @@ class ResidualTerm:
             rho.sum()
         )
 
-    def residuals(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "k d"]:
+    def residuals(self, target_from_cams: Poses) -> Float[np.ndarray, "k d"]:
         """The residuals of all rows, checked."""
         found = self.residual(target_from_cams[self.pose_idx])
         if found.ndim != 2 or len(found) != len(self.pose_idx):
@@ -98,7 +97,7 @@ class ResidualTerm:
             )
         return found
 
-    def jacobians(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "k d c"]:
+    def jacobians(self, target_from_cams: Poses) -> Float[np.ndarray, "k d c"]:
         """Derivatives of all rows by the tangents of their poses, analytic or by differences."""
         poses = target_from_cams[self.pose_idx]
         if self.jacobian is None:
@@ -157,12 +156,12 @@ class WeightedResiduals:
     information: Float[np.ndarray, "k d ..."]
     """Information of each row times its weight: diagonals (k, d), or matrices (k, d, d)."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squares."""
         residuals = self.term.residuals(target_from_cams)
         return 0.5 * float(np.sum(residuals * _times(self.information, residuals)))
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of the poses that the rows name."""
         residuals = self.term.residuals(target_from_cams)
         jacobians = self.term.jacobians(target_from_cams)

@@ -8,11 +8,11 @@ from functools import cache
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float
 from threadpoolctl import ThreadpoolController
 
 from planfit.errors import OptionError, require, require_choice, require_positive
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.normal_equations import BlockPattern, LinearSolver, NormalEquations
 from planfit.lsq.term import Quadratic, Term
 from planfit.runtime.short_repr import short_repr
@@ -69,7 +69,7 @@ class Cost:
 class Solution:
     """Poses that a solve ended with, and how it got there."""
 
-    target_from_cams: Float[np.ndarray, "n 4 4"]
+    target_from_cams: Poses
     stop: Enum
     """Why it ended: a `Stop`, or that of another solver; its value is a sentence."""
     iterations: int
@@ -80,9 +80,7 @@ class Solution:
 
 
 def solve(
-    terms: Sequence[Term],
-    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
-    options: SolverOptions,
+    terms: Sequence[Term], initial_target_from_cams: Poses, options: SolverOptions
 ) -> Solution:
     """Minimise the sum of the terms over all poses: what `Problem.solve` does.
 
@@ -161,19 +159,19 @@ class _Outcome(Enum):
     STUCK = "no damping made the cost fall"
 
 
-def _cost(quadratics: Sequence[Quadratic], poses: Float[np.ndarray, "n 4 4"]) -> float:
+def _cost(quadratics: Sequence[Quadratic], poses: Poses) -> float:
     return sum(q.cost(poses) for q in quadratics)
 
 
 def _damped_step(
     equations: NormalEquations,
     quadratics: Sequence[Quadratic],
-    start: tuple[Float[np.ndarray, "n 4 4"], float],
+    start: tuple[Poses, float],
     damping: float,
     rounding: float,
     linear_solver: LinearSolver,
     max_tries: int = 8,
-) -> tuple[Float[np.ndarray, "n 4 4"], float, float, _Outcome]:
+) -> tuple[Poses, float, float, _Outcome]:
     """One accepted step, or the same poses where none of `max_tries` dampings lowers the cost.
 
     Starts from poses and their cost; returns both, the damping of the next step, and what became of this one.

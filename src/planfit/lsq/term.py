@@ -4,9 +4,10 @@ from collections.abc import Sequence
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from planfit.errors import OptionError, require
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks
 
 
@@ -14,11 +15,11 @@ from planfit.lsq.blocks import NormalBlocks
 class Quadratic(Protocol):
     """A term with its robust weights frozen: weighted squares of residuals."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"], /) -> float:
+    def cost(self, target_from_cams: Poses, /) -> float:
         """Half the weighted sum of squares."""
         ...
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"], /) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses, /) -> NormalBlocks:
         """Gauss-Newton blocks."""
         ...
 
@@ -36,7 +37,7 @@ class Term(Protocol):
         """Name in reports and messages."""
         ...
 
-    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"], /) -> tuple[Quadratic, float]:
+    def reweight(self, target_from_cams: Poses, /) -> tuple[Quadratic, float]:
         """Freeze the weights at these poses; also the robust cost there."""
         ...
 
@@ -60,7 +61,7 @@ class Graduated(Protocol):
         ...
 
 
-def robust_cost(terms: Sequence[Term], target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+def robust_cost(terms: Sequence[Term], target_from_cams: Poses) -> float:
     """Sum of the robust costs of terms at these poses."""
     return float(sum(term.reweight(target_from_cams)[1] for term in terms))
 

@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import PairMoments, PlaneMoments, planes_in_cam
 from planfit.lsq.robust import Loss, LossKind
@@ -76,7 +77,7 @@ def plane_moments_on(
     pose_idx: Int[np.ndarray, " k"],
     planes: Float[np.ndarray, "k 4"],
     weight_per_point: Float[np.ndarray, " k"],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     sigma: float,
     loss: Loss,
 ) -> tuple[PlaneMoments, float]:
@@ -99,7 +100,7 @@ def pair_moments_on(
     points: GroupedPoints,
     pairs: Int[np.ndarray, "k 2"],
     weight_per_point: Float[np.ndarray, " k"],
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     loss: Loss,
 ) -> tuple[PairMoments, float]:
     """As `planfit.lsq.moments.pair_moments`; columns: points of each side (m, 3), and sigma (m,)."""

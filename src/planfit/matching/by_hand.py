@@ -9,9 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import TRANSLATION_SLACK_M
 from planfit.matching.options import MatchingOptions
 from planfit.matching.relative_motions import VerifiedPairs, verify_pairs
@@ -85,9 +86,7 @@ class HandVerdicts:
 
 
 def carried(
-    relative_poses: RelativePoses,
-    frame_idx: Int[np.ndarray, " k"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    relative_poses: RelativePoses, frame_idx: Int[np.ndarray, " k"], world_from_cams: Poses
 ) -> RelativePoses:
     """Motions between frames of a scan, carried by the recorded motion (poses of all n frames) onto the
     nearest of the frames `frame_idx`, by whose numbers the pairs then are. Those of one are left out."""

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from planfit.geometry import se3
 from planfit.geometry.camera import Camera
+from planfit.geometry.se3 import Poses
 from planfit.matching.pair_kernels import covisible_share
 from planfit.matching.types import Rows
 
@@ -32,7 +33,7 @@ class ViewSamples(Rows):
     """Smallest and largest x / z, and y / z, that a frame shows."""
 
     def covisibility(
-        self, world_from_cams: Float[np.ndarray, "n 4 4"], pairs: Int[np.ndarray, "p 2"]
+        self, world_from_cams: Poses, pairs: Int[np.ndarray, "p 2"]
     ) -> Float[np.ndarray, " p"]:
         """Share of the points of either frame of a pair that the other shows, the smaller of the two."""
         result = np.zeros(len(pairs))

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.types import RelativePoses
 from planfit.priors import SAME_MOTION_SIGMAS
 from planfit.scan.odometry import Odometry
@@ -57,9 +58,7 @@ def is_certain(sigma_translation: Float[np.ndarray, " p"]) -> Bool[np.ndarray, "
 
 
 def by_way_of(
-    relative_poses: RelativePoses,
-    pairs: Int[np.ndarray, "p 2"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    relative_poses: RelativePoses, pairs: Int[np.ndarray, "p 2"], world_from_cams: Poses
 ) -> Float[np.ndarray, "p 4 4"]:
     """Motion (p, 4, 4) between the frames of pairs (p, 2), over a relative pose nearby and recorded steps.
 
@@ -74,7 +73,7 @@ def by_way_of(
 def told_by(
     relative_poses: RelativePoses,
     pairs: Int[np.ndarray, "p 2"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     odometry: Odometry,
 ) -> tuple[Float[np.ndarray, "p 4 4"], tuple[Float[np.ndarray, " p"], Float[np.ndarray, " p"]]]:
     """Motions of pairs `by_way_of` a relative pose nearby, and the standard deviations (rotation, rad, and

@@ -16,6 +16,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import TRANSLATION_SLACK_M, by_way_of, is_certain, is_near
 from planfit.matching.types import RelativePoses
 from planfit.scan.odometry import Odometry
@@ -58,7 +59,7 @@ class Disputes:
 def find_disputes(
     relative_poses: RelativePoses,
     idx: Int[np.ndarray, " h"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     odometry: Odometry,
     is_undecided_left: Bool[np.ndarray, " h"],
 ) -> Disputes:
@@ -87,9 +88,7 @@ def find_disputes(
 
 
 def _compare(
-    own: RelativePoses,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
+    own: RelativePoses, world_from_cams: Poses, odometry: Odometry
 ) -> tuple[sparse.csr_array, sparse.csr_array]:
     """Which agree and which contradict each other, (h, h); of others the recorded motion cannot say."""
     h = len(own)
@@ -121,10 +120,7 @@ def _symmetric(upper: list[np.ndarray], h: int) -> sparse.csr_array:
 
 
 def _support(
-    own: RelativePoses,
-    agrees: sparse.csr_array,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
+    own: RelativePoses, agrees: sparse.csr_array, world_from_cams: Poses, odometry: Odometry
 ) -> tuple[Float[np.ndarray, " h"], Float[np.ndarray, " h"]]:
     """Of each with those that agree with it: the largest share of views explained, and the squared drift, in
     sigmas, that half of them ask for."""

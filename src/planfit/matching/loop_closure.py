@@ -16,9 +16,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.covisibility import CHUNK, ViewSamples
 from planfit.matching.cycles import (
     CERTAIN_SIGMA_M,
@@ -67,7 +68,7 @@ _PRIOR_REVISITS = 2
 
 def cycle_consistent(
     relative_poses: RelativePoses,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     odometry: Odometry,
     certain: RelativePoses | None = None,
 ) -> Bool[np.ndarray, " p"]:
@@ -124,7 +125,7 @@ def propose_loop_closures(
     accepted: RelativePoses,
     tried: Int[np.ndarray, "t 2"],
     view_idx: Int[np.ndarray, " v"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     samples: ViewSamples,
     options: PairOptions,
 ) -> Int[np.ndarray, "p 2"]:

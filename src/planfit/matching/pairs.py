@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
 from planfit.errors import require_positive
+from planfit.geometry.se3 import Poses
 from planfit.matching.covisibility import ViewSamples
 from planfit.matching.pair_kernels import take_within_budget
 from planfit.matching.retrieval import N_LOOKED_AT, most_similar, similarity_of
@@ -82,7 +83,7 @@ class Views:
 
 
 def choose_pairs(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     odometry: Odometry,
     options: PairOptions,
     descriptors: FrameDescriptors | None = None,
@@ -104,7 +105,7 @@ def choose_pairs(
 
 
 def distinct_views(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     walked_m: Float[np.ndarray, " n"],
     sharpness: Float[np.ndarray, " n"] | None = None,
 ) -> Views:

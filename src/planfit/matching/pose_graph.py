@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.pair_kernels import most_certain_paths
 from planfit.priors import VIEW_DISTANCE_M
 from planfit.runtime import in_threads
@@ -28,10 +29,7 @@ class LoopGraph:
     """A graph of frames; each edge has a motion and its variance. Only frames of loop closures are nodes."""
 
     def __init__(
-        self,
-        world_from_cams: Float[np.ndarray, "n 4 4"],
-        odometry: Odometry,
-        pairs: Int[np.ndarray, "p 2"],
+        self, world_from_cams: Poses, odometry: Odometry, pairs: Int[np.ndarray, "p 2"]
     ) -> None:
         """Begin with the recorded motion from each frame of `pairs` to the next of them."""
         self._frame_idx = np.unique(pairs)

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import is_near, spans_any, told_by
 from planfit.matching.pairs import RECENT_M
 from planfit.matching.relative_motions import NeighbourMotions, match_sigmas
@@ -68,9 +69,7 @@ def _motions(matches: Matches, first: int, last: int) -> Float[np.ndarray, "k 4 
 
 
 def group_visits(
-    relative_poses: RelativePoses,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
+    relative_poses: RelativePoses, world_from_cams: Poses, odometry: Odometry
 ) -> Int[np.ndarray, " p"]:
     """Number of the visit that each pair belongs to; -1 where its frames are neighbours on the walk.
 
@@ -92,9 +91,7 @@ def group_visits(
 
 
 def without_misled(
-    known: NeighbourMotions,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
+    known: NeighbourMotions, world_from_cams: Poses, odometry: Odometry
 ) -> NeighbourMotions:
     """Leave out verified pairs where the recorded motion is the better explanation of both views.
 

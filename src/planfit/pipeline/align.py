@@ -36,6 +36,7 @@ from planfit.findings import Finding, PlanKind
 from planfit.floorplan import Floorplan
 from planfit.floorplan.centre_lines import with_thickness
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.pipeline.depth_unit import AS_READ, DepthUnit, in_unit
 from planfit.pipeline.given import Given, require_given, running
 from planfit.pipeline.observations import Observations, extract_observations
@@ -351,16 +352,14 @@ def claimed_alignment(
     return claimed
 
 
-def wall_samples(structure: Structure, level_from_cams: Float[np.ndarray, "n 4 4"]) -> WallSamples:
+def wall_samples(structure: Structure, level_from_cams: Poses) -> WallSamples:
     """What the search is given: wall patches, seen from above, and from where."""
     normals, ends = wall_patches_in_plan(structure.walls, level_from_cams)
     eyes = level_from_cams[structure.walls.frame_idx][:, :2, 3]
     return sample_walls(normals, ends, seen_from=eyes)
 
 
-def scan_points(
-    structure: Structure, level_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "m 3"]:
+def scan_points(structure: Structure, level_from_cams: Poses) -> Float[np.ndarray, "m 3"]:
     """All points of floor and walls, m, level frame, for the paper's alignment."""
     parts = (
         (structure.floor.points_cam, structure.floor.frame_idx),

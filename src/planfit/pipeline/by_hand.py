@@ -9,6 +9,7 @@ from planfit.corrections import Contradiction, Correction, Corrections
 from planfit.errors import OptionError, ScanError
 from planfit.findings import Finding, SurveyKind
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import (
     HandLoop,
     HandMatches,
@@ -43,9 +44,7 @@ class HandSeen:
         """Which pairs of frames may be used."""
         return ~(self.is_excluded[pairs].any(axis=1) | self.corrections.are_deleted(pairs))
 
-    def verdicts(
-        self, frame_idx: Int[np.ndarray, " k"], world_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> HandVerdicts:
+    def verdicts(self, frame_idx: Int[np.ndarray, " k"], world_from_cams: Poses) -> HandVerdicts:
         """What matching among some frames is told, given the believed poses of all."""
         certain = carried(self.matches.relative_poses, frame_idx, world_from_cams)
         return HandVerdicts(self.is_excluded, self.corrections.are_deleted, certain, frame_idx)
@@ -142,10 +141,8 @@ def contradictions_of_images(seen: HandSeen) -> tuple[Contradiction, ...]:
 
 
 def with_interpolated(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    times: Float[np.ndarray, " n"],
-    is_excluded: Bool[np.ndarray, " n"],
-) -> Float[np.ndarray, "n 4 4"]:
+    world_from_cams: Poses, times: Float[np.ndarray, " n"], is_excluded: Bool[np.ndarray, " n"]
+) -> Poses:
     """Poses whose excluded ones are read between the nearest others in time; before the first and after the
     last of these, they are as they were."""
     kept = np.flatnonzero(~is_excluded)

@@ -27,6 +27,7 @@ from planfit.adjust.calibration import (
 )
 from planfit.adjust.uncertainty import SharedError
 from planfit.geometry.calibration import SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.pipeline.align import UNKNOWN_SCALE_SIGMA
 from planfit.pipeline.given import Given
 from planfit.pipeline.observations import Observations
@@ -129,7 +130,7 @@ def calibrate_on_plan(
     quick = replace(options.adjust, starts=("aligned",))
 
     def solve(
-        again: Measurements, start: Float[np.ndarray, "n 4 4"]
+        again: Measurements, start: Poses
     ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
         return _solved(again, adjust_to_plan(again, plan, start, quick), options)
 

@@ -18,6 +18,7 @@ from planfit.errors import OptionError
 from planfit.findings import Finding, PlanKind, SurveyKind
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.pipeline.by_hand import HandSeen
 from planfit.pipeline.disagreements import Disagreement, EvidenceItem
 from planfit.pipeline.evidence import CONTRADICTED_M
@@ -135,7 +136,7 @@ def with_places(
 
 def by_hand_outcome(
     seen: HandSeen,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     plan_from_world: Float[np.ndarray, "4 4"],
     on_plan: ScanOnPlan,
     tolerance_m: float,
@@ -262,7 +263,7 @@ def _places_against_walls(
 
 def _place_residuals(
     seen: HandSeen,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     plan_from_world: Float[np.ndarray, "4 4"],
     floorplan: Floorplan | None,
 ) -> dict[tuple[str, int], float]:
@@ -283,9 +284,7 @@ def _place_residuals(
     return found
 
 
-def _loop_residuals(
-    seen: HandSeen, plan_from_cams: Float[np.ndarray, "n 4 4"]
-) -> dict[tuple[str, int], float]:
+def _loop_residuals(seen: HandSeen, plan_from_cams: Poses) -> dict[tuple[str, int], float]:
     matches = seen.matches.matches
     found = {}
     for loop in seen.corrections.added:

@@ -10,7 +10,7 @@ shows by walls alone (`pipeline/parts.py`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 
 from planfit.adjust import adjust_to_plan
 from planfit.alignment import judge_adjusted
@@ -19,6 +19,7 @@ from planfit.alignment.selection import MIN_SCORE
 from planfit.errors import FloorplanError
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import Matches
 from planfit.pipeline.align import align_to_plan, wall_samples
 from planfit.pipeline.calibrate import CalibratedScan
@@ -224,7 +225,7 @@ class _Walk:
         walls = wall_samples(structure, self.adjusted(tried, on_plan.floorplan))
         return judge_adjusted(walls, on_plan.floorplan, on_plan.alignment, self.options.align).score
 
-    def adjusted(self, tried: _Tried, plan: Floorplan) -> Float[np.ndarray, "n 4 4"]:
+    def adjusted(self, tried: _Tried, plan: Floorplan) -> Poses:
         """Keyframes on the plan once it has pulled, plan_from_cams."""
         start = tried.on_plan.plan_from_level @ tried.prepared.level_from_keys
         quick = replace(self.options.adjust, starts=self.options.adjust.starts[:1])

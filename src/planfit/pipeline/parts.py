@@ -21,6 +21,7 @@ from planfit.alignment.refine import OBSERVATION_M, closeness
 from planfit.alignment.selection import NULL_SCORE
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3, segments
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.surfaces.types import SurfacePairs
 from planfit.matching.surfaces.witnesses import AGREE_SIGMAS
@@ -72,7 +73,7 @@ class _Walk:
     """Keyframes, the walls that they saw, and the plan that these are sought on."""
 
     plan: Floorplan
-    level_from_keys: Float[np.ndarray, "n 4 4"]
+    level_from_keys: Poses
     recorded: Float[np.ndarray, "s 4 4"]
     """Steps between keyframes as recorded."""
     is_whole: Bool[np.ndarray, " s"]
@@ -87,12 +88,7 @@ class _Walk:
     n_patches: Int[np.ndarray, " n"]
 
     @staticmethod
-    def of(
-        prepared: PreparedScan,
-        tracking: Tracking,
-        plan: Floorplan,
-        poses: Float[np.ndarray, "n 4 4"],
-    ) -> "_Walk":
+    def of(prepared: PreparedScan, tracking: Tracking, plan: Floorplan, poses: Poses) -> "_Walk":
         measured = prepared.measurements
         walls, steps = measured.structure.walls, measured.odometry.cam_from_next
         normals, ends = wall_patches_in_plan(walls, poses)
@@ -172,7 +168,7 @@ def opened_by_walls(
     tracking: Tracking,
     on_plan: ScanOnPlan,
     options: RefineOptions,
-    plan_from_keys: Float[np.ndarray, "n 4 4"],
+    plan_from_keys: Poses,
 ) -> Tracking | None:
     """The walk with those steps open that nothing measured and beyond which walls are nowhere on the plan;
     None where all is explained.

@@ -15,6 +15,7 @@ from planfit.adjust import (
 )
 from planfit.errors import require_plain_numbers
 from planfit.findings import Finding
+from planfit.geometry.se3 import Poses
 from planfit.pipeline.by_hand import with_interpolated
 from planfit.pipeline.observations import Observations
 from planfit.pipeline.options import RefineOptions
@@ -32,7 +33,7 @@ class PreparedScan:
     measurements: Measurements
     """Of the keyframes."""
     level_from_world: Float[np.ndarray, "4 4"]
-    level_from_cams: Float[np.ndarray, "n 4 4"]
+    level_from_cams: Poses
     """All frames as recorded, levelled."""
     level_from_keys: Float[np.ndarray, "k 4 4"]
     """Keyframes, loops closed."""

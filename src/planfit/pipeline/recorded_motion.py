@@ -7,10 +7,11 @@ poses that it comes to.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from planfit.corrections import NO_CORRECTIONS, Corrections
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.matching import (
     HandVerdicts,
     NeighbourMotions,
@@ -79,7 +80,7 @@ class KeyedScan:
         """The keyframes alone, at the recorded poses."""
         return self.at(self.scan.world_from_cams)
 
-    def at(self, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
+    def at(self, world_from_cams: Poses) -> Scan:
         """The keyframes alone, at these poses of all frames."""
         if self.is_whole:
             return with_poses(self.scan, world_from_cams)
@@ -162,7 +163,7 @@ def keyed_scan(
     return KeyedScan(scan, chosen, options, runtime, by_hand)
 
 
-def with_poses(scan: Scan, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Scan:
+def with_poses(scan: Scan, world_from_cams: Poses) -> Scan:
     """The scan with other poses; the very same one where they are equal.
 
     To make equal poses exact rotations once more would change their last digit, and with it what is cached.

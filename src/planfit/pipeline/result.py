@@ -17,6 +17,7 @@ from planfit.findings import Finding, sentences_of
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.geometry.calibration import SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.matching import Matches, SurfacePairs
 from planfit.pipeline.contradicted import ByHand
 from planfit.pipeline.depth_unit import AS_READ, DepthUnit
@@ -66,9 +67,9 @@ class RefineResult:
 
     floorplan: Floorplan | None
     """The plan in metres, at the scale that was found where it had no unit; None where there was none."""
-    plan_from_cams: Float[np.ndarray, "n 4 4"]
+    plan_from_cams: Poses
     """Refined; without a plan in the level frame: the scan's own axes, turned upright, floor at 0."""
-    initial_plan_from_cams: Float[np.ndarray, "n 4 4"]
+    initial_plan_from_cams: Poses
     """Recorded poses, aligned with the plan as a whole; without a plan, levelled."""
     world_from_plan: Float[np.ndarray, "4 4"]
     """Back to the scan's own axes and height."""
@@ -149,7 +150,7 @@ class RefineResult:
         return sentences_of(self.findings)
 
     @property
-    def world_from_cams(self) -> Float[np.ndarray, "n 4 4"]:
+    def world_from_cams(self) -> Poses:
         """Refined poses in the scan's own axes."""
         return self.world_from_plan @ self.plan_from_cams
 
@@ -171,9 +172,7 @@ def above(module: str) -> Any:
 
 
 def to_recorded_axes(
-    plan_from_world: Float[np.ndarray, "4 4"],
-    before: Float[np.ndarray, "n 4 4"],
-    after: Float[np.ndarray, "n 4 4"],
+    plan_from_world: Float[np.ndarray, "4 4"], before: Poses, after: Poses
 ) -> Float[np.ndarray, "4 4"]:
     """world_from_plan, back to the recorded axes, of plan_from_cams before and after.
 

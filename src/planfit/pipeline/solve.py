@@ -5,7 +5,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.adjust import PlanAdjustment, adjust_to_plan, fit_thickness, settle_walls
 from planfit.adjust.calibration import SHARED
@@ -13,6 +12,7 @@ from planfit.adjust.scale import about_middle
 from planfit.alignment import is_off, may_be_rescaled
 from planfit.alignment.plan_scale import OFF_SHARE
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq import Term
 from planfit.pipeline.align import UNKNOWN_SCALE_SIGMA
 from planfit.pipeline.calibrate import (
@@ -172,7 +172,7 @@ def _with_fitted_thickness(
     odometry_scale_sigma: float,
     depth_scale_sigma: float,
     extra_terms: Sequence[Term] = (),
-) -> tuple[ScanOnPlan, Float[np.ndarray, "n 4 4"]]:
+) -> tuple[ScanOnPlan, Poses]:
     """The plan with each wall of a line as thick as it was seen, at the scale that goes with it, and poses.
 
     Args:

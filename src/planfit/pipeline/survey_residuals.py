@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.adjust.left_out import CONTRADICTED_SIGMAS, PointLeftOut
 from planfit.findings import Finding, SurveyKind
+from planfit.geometry.se3 import Poses
 from planfit.pipeline.on_plan import SurveyOnPlan
 from planfit.pipeline.survey import SurveyedScan
 from planfit.survey import (
@@ -23,7 +23,7 @@ def survey_residuals(
     surveyed: SurveyedScan,
     marks: LiftedMarks,
     on_plan: SurveyOnPlan,
-    plan_from_cams: Float[np.ndarray, "n 4 4"],
+    plan_from_cams: Poses,
     left_out: Sequence[PointLeftOut] = (),
 ) -> SurveyResiduals:
     """Residuals of control and check points where the poses ended, and of control points without each.

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
 
 from planfit.adjust import PlanAdjustment, costs, follow_keyframes
 from planfit.adjust.calibration import NOT_CALIBRATED, PRIORS, Calibration, CalibrationPriors
 from planfit.evaluation import NEAR_FACE_M, near_share
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq import Term
 from planfit.pipeline.evidence import Evidence, gather_evidence
 from planfit.pipeline.folds import N_FOLDS
@@ -36,9 +36,9 @@ class Check:
 class Validation:
     """Poses before and after, and whether they got better."""
 
-    before: Float[np.ndarray, "n 4 4"]
+    before: Poses
     """plan_from_cams of all frames as recorded, aligned as a whole."""
-    after: Float[np.ndarray, "n 4 4"]
+    after: Poses
     """plan_from_cams of all frames, refined."""
     checks: tuple[Check, ...]
     cost_by_term: dict[str, tuple[float, float]]
@@ -114,8 +114,8 @@ def visit_check(evidence: Evidence) -> Check | None:
 def wall_check(
     structure: Structure,
     floorplan: Floorplan | None,
-    before_from_cams: Float[np.ndarray, "n 4 4"],
-    after_from_cams: Float[np.ndarray, "n 4 4"],
+    before_from_cams: Poses,
+    after_from_cams: Poses,
 ) -> Check | None:
     """Share of wall points near a face of the plan; None without a plan, or where no flat wall was seen."""
     if floorplan is None or not structure.has_walls:

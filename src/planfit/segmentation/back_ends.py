@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from planfit.errors import ScanError
+from planfit.geometry.se3 import Poses
 from planfit.priors import SURFACE_TILT_MOST_DEG
 from planfit.runtime import Arrays, Runtime, cache_key
 from planfit.scan import Label, Scan
@@ -119,9 +120,7 @@ class _GeometryBackEnd:
     name = "geometry"
     identity = "geometry"
 
-    def __init__(
-        self, scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], submaps: list[Submap]
-    ) -> None:
+    def __init__(self, scan: Scan, upright_from_cams: Poses, submaps: list[Submap]) -> None:
         self._cameras = scan.cameras
         self._upright_from_cams = upright_from_cams
         self._submaps = submaps
@@ -137,9 +136,7 @@ class _GeometryBackEnd:
         return _to_full_size(labels, surfaces.step_px, (depth.shape[0], depth.shape[1]))
 
 
-def geometry_back_end(
-    scan: Scan, upright_from_cams: Float[np.ndarray, "n 4 4"], runtime: Runtime
-) -> _GeometryBackEnd:
+def geometry_back_end(scan: Scan, upright_from_cams: Poses, runtime: Runtime) -> _GeometryBackEnd:
     """Look through the scan once, and make the back end that labels by what was seen.
 
     Each submap also takes a quarter of the frames of the next ones, so that frames at its ends know as much.

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.priors import STEP_AT_VIDEO_RATE_M, TRACKER_TILT_SIGMA_DEG
 from planfit.scan.odometry import (
     LONG,
@@ -90,7 +91,7 @@ class Votes:
 
 
 def find_displacement(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     odometry: Odometry,
     motions: MeasuredMotions,
     up_world: Float[np.ndarray, "3"] | None = None,
@@ -142,16 +143,14 @@ def find_displacement(
     return best
 
 
-def _steps_at(
-    world_from_cams: Float[np.ndarray, "n 4 4"], jump: Displacement
-) -> Float[np.ndarray, "2 4 4"]:
+def _steps_at(world_from_cams: Poses, jump: Displacement) -> Float[np.ndarray, "2 4 4"]:
     """The step onto the displaced frames, as recorded and corrected."""
     before, after = world_from_cams[jump.first - 1], world_from_cams[jump.first]
     return se3.inverse(before) @ np.stack([after, jump.world_from_recorded @ after])
 
 
 def _is_blind(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     votes: Votes,
     jump: Displacement,
     contradicts: Bool[np.ndarray, " k"],
@@ -187,7 +186,7 @@ def _hypotheses(pairs: np.ndarray, n: int) -> list[tuple[int, int]]:
 
 
 def votes_on(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     motions: MeasuredMotions,
     covariance: Float[np.ndarray, "k 6 6"],
     inside: Bool[np.ndarray, " n"],
@@ -264,7 +263,7 @@ def _agreed(votes: Votes, run: tuple[int, int], contradicts: np.ndarray) -> Disp
 def _as_walked(
     jump: Displacement,
     pivot: Float[np.ndarray, "3"],
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    world_from_cams: Poses,
     usual: tuple[float, float],
 ) -> Displacement:
     """The displacement where motions leave a direction free as if the walk went on by the step before, half a

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive
 from planfit.findings import Finding, PoseKind
+from planfit.geometry.se3 import Poses
 from planfit.priors import CLEAR_ODDS, CLOCK_RATE_SHARE, SURE_SIGMAS
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.tracking.motions import (
@@ -49,8 +50,6 @@ MAX_INTERVALS = 15.0
 INTERPOLATION_SIGMA = 0.03
 """Frame intervals. Poses between frames lie on chords of the way. Where it bends between two frames, the
 best offset is drawn to whole frames in all stretches alike: 0.90 was found as 0.97 of a walk with corners."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 
 @dataclass(frozen=True)

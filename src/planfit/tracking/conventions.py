@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from planfit.errors import OptionError
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.priors import CLEAR_ODDS
 from planfit.scan.odometry import OdometryOptions, make_odometry
 from planfit.scan.poses import from_opengl
@@ -62,8 +63,6 @@ floor does, agree with any convention, and a few false motions among them would 
 MAX_UNIT_ERROR = 1.5
 """Factor up to which the lengths of recorded and measured steps agree in the right unit. Noise makes a
 smaller unit likelier than it should be."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 _MIRROR_Y = np.diag([1.0, -1.0, 1.0, 1.0])
 

@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.errors import ScanError
 from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.scan.odometry import Odometry, OdometryOptions, make_odometry
 from planfit.tracking.breaks import Displacement, find_displacement
 from planfit.tracking.clock import ClockOffset, TrackingOptions, find_clock, tells_clock
@@ -54,8 +55,6 @@ from planfit.tracking.types import (
 
 MAX_BREAKS_SHARE = 0.1
 """A tracker with more breaks a frame than this is not mended: what is broken then is no step."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.errors import require_positive
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.priors import FRAME_RATE_HZ, VIEW_DISTANCE_M
 from planfit.scan.odometry import step_sizes
 from planfit.scan.types import Image
@@ -31,8 +32,6 @@ MAX_MORE_SHARE = 0.5
 share of the keyframes. About jumps and lost frames all are."""
 MORE_PER_GAP = 7
 """Frames looked at besides between two keyframes where something is in doubt: a gap becomes eight."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
 from planfit.matching.pose_graph import LoopGraph
@@ -38,8 +39,6 @@ HELD = 1e-3
 """Sigma (rad, m) of what is not to bend."""
 NAMED_M, NAMED_DEG = 0.3, 5.0
 """Where a tracker goes on further off than this after it was lost, it is said."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.scan.odometry import LONG, times_usual, usual_step
 from planfit.tracking.motions import MAX_SIGMAS, MIN_MATCHES_ALONE, MeasuredMotions, squared_sigmas
 from planfit.tracking.trajectory import interpolation_sigmas
@@ -26,8 +27,6 @@ MAX_SHARE = 0.5
 """A scan with more lost frames has no recorded poses to speak of, and stays as it is."""
 LEAST_STEP = 1e-3
 """Usual steps are taken to be this long (m) and to turn this far (rad) at least."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 
 @dataclass(frozen=True)

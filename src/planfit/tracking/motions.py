@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import SurfacePairs
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import PairRows
@@ -77,9 +78,7 @@ def over_told_steps(motions: MeasuredMotions, is_told: Bool[np.ndarray, " s"]) -
     return motions[np.flatnonzero(over)] if 2 * over.sum() >= len(over) else motions
 
 
-def departures(
-    motions: MeasuredMotions, world_from_cams: Float[np.ndarray, "n 4 4"]
-) -> Float[np.ndarray, "p 6"]:
+def departures(motions: MeasuredMotions, world_from_cams: Poses) -> Float[np.ndarray, "p 6"]:
     """Tangents from the motions that poses give to the measured ones, in the axes of the first frame."""
     i, j = motions.pairs.T
     recorded = se3.inverse(world_from_cams[i]) @ world_from_cams[j]
@@ -135,7 +134,7 @@ def _information(a_from_b: np.ndarray, points_b: np.ndarray, sigma: np.ndarray) 
 
 
 def noise_factors(
-    world_from_cams: Float[np.ndarray, "n 4 4"], odometry: Odometry, motions: MeasuredMotions
+    world_from_cams: Poses, odometry: Odometry, motions: MeasuredMotions
 ) -> tuple[float, float]:
     """Factors on the sigmas of rotation and translation of all steps, 1 or more.
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.pose_terms import PosePriorTerm
 from planfit.lsq.problem import Problem
 from planfit.lsq.residual_term import ResidualTerm
@@ -25,8 +26,6 @@ MOUNT = "mount:"
 and x, y and z (m) of the camera there, with slashes between."""
 MOTIONS_OF_STARTS = 200
 """That tell which start leads furthest down."""
-
-Poses = Float[np.ndarray, "n 4 4"]
 
 OPTICAL_AXES = se3.make_transform(np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]), np.zeros(3))
 """body_from_cam of a camera that looks ahead from a body with x forward, y left and z up (ROS, REP 103)."""

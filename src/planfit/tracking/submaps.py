@@ -12,6 +12,7 @@ from jaxtyping import Float, Int
 
 from planfit.findings import Finding, PoseKind
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import Matches
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
@@ -58,7 +59,7 @@ from planfit.tracking.types import (
 class _Placed:
     """Submaps on the way to stand together."""
 
-    poses: Float[np.ndarray, "n 4 4"]
+    poses: Poses
     group: Int[np.ndarray, " n"]
     """Frames of one group are placed against each other."""
     n_votes: Int[np.ndarray, " n"]
@@ -89,9 +90,7 @@ class _Merge:
 
 
 def find_doubtful(
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
-    motions: MeasuredMotions,
+    world_from_cams: Poses, odometry: Odometry, motions: MeasuredMotions
 ) -> Int[np.ndarray, " d"]:
     """Steps (frame i to i + 1) that no measured motion confirms and that are unusually long."""
     squared = squared_sigmas(
@@ -249,7 +248,7 @@ def _merge(votes: Votes, first: int, second: int) -> list[_Merge]:
     return [_Merge(first, second, int(agrees.sum()), displaced, isotropic(covariance), stays)]
 
 
-def _chained(tracking: Tracking, placed: _Placed) -> Float[np.ndarray, "n 4 4"]:
+def _chained(tracking: Tracking, placed: _Placed) -> Poses:
     """Poses of all frames, the groups that nothing placed hung on by recorded steps, the likeliest first."""
     recorded, poses, group = tracking.world_from_cams, placed.poses.copy(), placed.group.copy()
     steps = tracking.odometry.cam_from_next

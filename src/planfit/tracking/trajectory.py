@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.pose_terms import BetweenTerm, PosePriorTerm
 from planfit.lsq.problem import Problem
 from planfit.lsq.robust import Loss, LossKind
@@ -15,7 +16,6 @@ from planfit.tracking.motions import MeasuredMotions
 LONG_INTERVAL = 3.0
 """Nothing is interpolated over a time of more frame intervals: frames are missing."""
 
-Poses = Float[np.ndarray, "n 4 4"]
 _LOSS = Loss(LossKind.CAUCHY, 4.0)
 """Of a departure's six numbers in sigmas; false motions count little."""
 
@@ -110,9 +110,7 @@ def joined_frames(
     return firsts[segment], lasts[segment]
 
 
-def fuse(
-    world_from_cams: Float[np.ndarray, "n 4 4"], odometry: Odometry, motions: MeasuredMotions
-) -> Float[np.ndarray, "n 4 4"]:
+def fuse(world_from_cams: Poses, odometry: Odometry, motions: MeasuredMotions) -> Poses:
     """Poses that recorded steps and measured motions agree on best; the first stays.
 
     Neighbouring motions close no loops: what is gained is smaller drift, by which loops are then found.
@@ -147,7 +145,7 @@ def measured_term(motions: MeasuredMotions) -> BetweenTerm:
     )
 
 
-def with_steps_of(odometry: Odometry, world_from_cams: Float[np.ndarray, "n 4 4"]) -> Odometry:
+def with_steps_of(odometry: Odometry, world_from_cams: Poses) -> Odometry:
     """The same sigmas of other steps. They stay as wide as the tracker's: matches count once, later on."""
     steps = se3.inverse(world_from_cams[:-1]) @ world_from_cams[1:]
     return replace(odometry, cam_from_next=steps)

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from planfit.findings import Finding, PoseKind, sentences_of
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.runtime import short_repr
 from planfit.scan.odometry import USUAL_SHARE, Odometry, usual_step
 from planfit.tracking.clock import ClockOffset
@@ -41,9 +42,9 @@ class TrackingBreak:
 class Tracking:
     """What is believed of the recorded poses."""
 
-    recorded_world_from_cams: Float[np.ndarray, "n 4 4"]
+    recorded_world_from_cams: Poses
     """As recorded, in our convention."""
-    world_from_cams: Float[np.ndarray, "n 4 4"]
+    world_from_cams: Poses
     """The same read at the images' times, with breaks corrected."""
     odometry: Odometry
     """Steps of these, with sigmas that fit this tracker; wide where a step is not known."""
@@ -202,9 +203,7 @@ def _longest_m(usual_m: float) -> float:
     return max(LEAP * usual_m, LEAP_M)
 
 
-def without_leaps(
-    motions: MeasuredMotions, recorded: Float[np.ndarray, "n 4 4"]
-) -> MeasuredMotions:
+def without_leaps(motions: MeasuredMotions, recorded: Poses) -> MeasuredMotions:
     """Motions that a walk can make: none is longer than any over as many frames, but as the recorded one is.
 
     A camera that turns before a mirror sees rooms behind it that fit each other, 5.8 m from one frame to the
@@ -234,11 +233,7 @@ def submaps_of(
 
 
 def describe_jump(
-    recorded: Float[np.ndarray, "n 4 4"],
-    corrected: Float[np.ndarray, "n 4 4"],
-    frame: int,
-    n_motions: int,
-    witness: str,
+    recorded: Poses, corrected: Poses, frame: int, n_motions: int, witness: str
 ) -> TrackingBreak:
     """A jump after a frame, which the `witness` (images, revisits) contradicts."""
     was, now = (size_of(se3.inverse(p[frame]) @ p[frame + 1]) for p in (recorded, corrected))

@@ -14,6 +14,7 @@ from planfit.adjust.terms.wall_offsets import OffsetWallTerm
 from planfit.adjust.terms.walls import WallTerm
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import relative_pose_jacobians, relative_poses, sum_by_pose
 from planfit.lsq.moments import planes_in_cam
 from planfit.lsq.robust import loss_value
@@ -40,9 +41,7 @@ class SharedBlocks:
 
 
 def shared_blocks(
-    problem: AdjustmentProblem,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    sensor: SensorCalibration = NOMINAL,
+    problem: AdjustmentProblem, target_from_cams: Poses, sensor: SensorCalibration = NOMINAL
 ) -> SharedBlocks:
     """Of the terms that know the shared parameters: points, surfaces, levels, walls, odometry.
 
@@ -73,9 +72,7 @@ def shared_blocks(
 
 
 def _of_levels(
-    groups: PlaneGroups,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    depth: Float[np.ndarray, "3"],
+    groups: PlaneGroups, target_from_cams: Poses, depth: Float[np.ndarray, "3"]
 ) -> SharedBlocks:
     """Points on level surfaces, whose sigma grows with the points (see `sensor_kernels`)."""
     by_group, by_self, gradient = _by_sensor(groups, target_from_cams, depth, does_grow=True)
@@ -84,10 +81,7 @@ def _of_levels(
 
 
 def _by_sensor(
-    groups: PlaneGroups,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    depth: Float[np.ndarray, "3"],
-    does_grow: bool,
+    groups: PlaneGroups, target_from_cams: Poses, depth: Float[np.ndarray, "3"], does_grow: bool
 ) -> tuple[Float[np.ndarray, "k 6 s"], Float[np.ndarray, "s s"], Float[np.ndarray, " s"]]:
     """Of points on planes: J_pose^T J_shared group by group, J_shared^T J_shared and J_shared^T r, of the
     sensor's parameters alone."""
@@ -109,7 +103,7 @@ def _by_sensor(
 
 
 def _of_walls(
-    term: WallTerm, target_from_cams: Float[np.ndarray, "n 4 4"], depth: Float[np.ndarray, "3"]
+    term: WallTerm, target_from_cams: Poses, depth: Float[np.ndarray, "3"]
 ) -> SharedBlocks:
     """Points on faces, which grow with the plan and stand before their lines where walls are drawn by these.
 
@@ -138,7 +132,7 @@ def _of_offset_walls(
 
 
 def _by_walls(
-    term: WallTerm, target_from_cams: Float[np.ndarray, "n 4 4"], depth: Float[np.ndarray, "3"]
+    term: WallTerm, target_from_cams: Poses, depth: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "k 6 s"], Float[np.ndarray, "s s"], Float[np.ndarray, " s"]]:
     """Of points on faces: J_pose^T J_shared group by group, J_shared^T J_shared and J_shared^T r."""
     groups = term.groups
@@ -181,9 +175,7 @@ def _are_of_lines(term: WallTerm) -> Float[np.ndarray, " k"]:
 
 
 def _of_pairs(
-    groups: PairGroups,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    depth: Float[np.ndarray, "3"],
+    groups: PairGroups, target_from_cams: Poses, depth: Float[np.ndarray, "3"]
 ) -> SharedBlocks:
     """Matched points, which know the sensor alone."""
     n, pairs = len(target_from_cams), groups.pairs
@@ -204,7 +196,7 @@ def _of_pairs(
 
 
 def _robust_weights(
-    groups: PlaneGroups | PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"]
+    groups: PlaneGroups | PairGroups, target_from_cams: Poses
 ) -> Float[np.ndarray, " m"]:
     """Weight of each point, its variance in it."""
     weight = np.zeros(int(groups.start[-1]))
@@ -213,7 +205,7 @@ def _robust_weights(
     return weight
 
 
-def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+def _of_steps(term: OdometryTerm, target_from_cams: Poses) -> SharedBlocks:
     """Recorded steps, whose translations grow with the odometry's scale."""
     n, between = len(target_from_cams), term.between
     weighted, _ = term.reweight(target_from_cams)
@@ -233,7 +225,7 @@ def _of_steps(term: OdometryTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) 
     return SharedBlocks(by_pose, by_self, gradient)
 
 
-def _of_surfaces(term: SurfaceTerm, target_from_cams: Float[np.ndarray, "n 4 4"]) -> SharedBlocks:
+def _of_surfaces(term: SurfaceTerm, target_from_cams: Poses) -> SharedBlocks:
     """Motions by surfaces, which follow the sensor as they were measured with it."""
     n, between = len(target_from_cams), term.between
     weighted, _ = term.reweight(target_from_cams)

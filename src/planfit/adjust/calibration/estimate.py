@@ -16,6 +16,7 @@ from planfit.adjust.options import AdjustOptions
 from planfit.adjust.problem import AdjustmentProblem, build_problem
 from planfit.errors import require_positive
 from planfit.geometry.calibration import NOMINAL, SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.priors import CLEAR_ODDS, SURE_SIGMAS
 from planfit.runtime import short_repr
 
@@ -146,7 +147,7 @@ NOT_CALIBRATED = Calibration()
 """Nothing was looked for: the sensor is as its files say."""
 
 Solve = Callable[
-    [Measurements, Float[np.ndarray, "n 4 4"]],
+    [Measurements, Poses],
     tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]],
 ]
 """From corrected measurements and poses to begin with, to the problem and the unknowns that solve it."""
@@ -282,10 +283,7 @@ def _told_of_sensor(
 
 
 def estimate_without_plan(
-    measurements: Measurements,
-    poses: Float[np.ndarray, "n 4 4"],
-    adjust: AdjustOptions,
-    priors: CalibrationPriors,
+    measurements: Measurements, poses: Poses, adjust: AdjustOptions, priors: CalibrationPriors
 ) -> Calibration:
     """What matches, floor and recorded motion ask of the sensor; a plan has no say.
 
@@ -294,7 +292,7 @@ def estimate_without_plan(
     """
 
     def solve(
-        again: Measurements, start: Float[np.ndarray, "n 4 4"]
+        again: Measurements, start: Poses
     ) -> tuple[AdjustmentProblem, Float[np.ndarray, "u 4 4"]]:
         problem = build_problem(again, adjust, start)
         return problem, problem.solve().target_from_cams

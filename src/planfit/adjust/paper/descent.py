@@ -22,6 +22,7 @@ from planfit.adjust.terms.walls import face_planes
 from planfit.errors import OptionError, require_positive
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.matching import Matches
 from planfit.segmentation import Structure
 
@@ -81,7 +82,7 @@ class DescentStop(Enum):
 class Descent:
     """Poses that a descent ended with, and how it got there."""
 
-    target_from_cams: Float[np.ndarray, "n 4 4"]
+    target_from_cams: Poses
     """The initial ones where it diverged."""
     stop: DescentStop
     steps: Int[np.ndarray, " k"]
@@ -97,7 +98,7 @@ def descend(
     structure: Structure,
     floorplan: Floorplan,
     association: Association,
-    initial_target_from_cams: Float[np.ndarray, "n 4 4"],
+    initial_target_from_cams: Poses,
     weights: PaperWeights,
     schedule: DescentSchedule = PAPER_SCHEDULE,
 ) -> Descent:
@@ -173,7 +174,7 @@ def loss_and_gradient(
     structure: Structure,
     floorplan: Floorplan,
     association: Association,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
+    target_from_cams: Poses,
     weights: PaperWeights,
 ) -> tuple[float, Float[np.ndarray, "n 6"]]:
     """The paper's L (m) at poses, and its slope by each pose's tangent vector."""

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.adjust.terms.groups import PairGroups
 from planfit.adjust.terms.observation_models import SURFACES, ObservationModel
 from planfit.geometry.calibration import PARAMETERS
+from planfit.geometry.se3 import Poses
 from planfit.lsq.moments import PairMoments
 from planfit.lsq.pose_terms import BetweenTerm
 from planfit.lsq.residual_term import WeightedResiduals
@@ -60,7 +61,7 @@ class PointTerm:
         ends = (m.points_a, m.points_b, m.sigma)
         return PairGroups(*ends, m.start, m.pairs, information, self.model.loss)
 
-    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PairMoments, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[PairMoments, float]:
         """One pass over the matches; see `planfit.lsq.moments`."""
         moments, cost = self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device
@@ -83,9 +84,7 @@ class OdometryTerm:
     frame_idx: Int[np.ndarray, " n"] | None = None
     """Of the poses given, those between which the recorded steps are; None: the first n."""
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[WeightedResiduals, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[WeightedResiduals, float]:
         """Weights of the steps at these poses."""
         return self.between.reweight(target_from_cams)
 
@@ -120,9 +119,7 @@ class SurfaceTerm:
         """First and second pose of each measurement."""
         return self.measured.pairs
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple[WeightedResiduals, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[WeightedResiduals, float]:
         """Weights of the pairs at these poses."""
         return self.between.reweight(target_from_cams)
 
@@ -138,7 +135,7 @@ class SurfaceTerm:
             name=self.name,
         )
 
-    def by_sensor(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "k 6 7"]:
+    def by_sensor(self, target_from_cams: Poses) -> Float[np.ndarray, "k 6 7"]:
         """Derivatives of the departures by the sensor's parameters (`geometry.calibration.PARAMETERS`).
 
         A departure is R_m^T (w, v) from the measured motion, which follows the sensor; and the sigma of its

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import relative_poses
 from planfit.lsq.moments import (
     PairMoments,
@@ -63,7 +64,7 @@ class PlaneGroups:
     """Robust loss of distance / sigma."""
 
     def moments(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
+        self, target_from_cams: Poses, on: GroupedPoints | None = None
     ) -> tuple[PlaneMoments, float]:
         """One pass over the points, on a device where they are `on` one; see `planfit.lsq.moments`."""
         rest = (self.pose_idx, self.planes, self.weight_per_point, target_from_cams)
@@ -76,7 +77,7 @@ class PlaneGroups:
         """Some groups at a time, and which."""
         return _in_parts(self, ("points_cam",), ("pose_idx", "planes", "weight_per_point"))
 
-    def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
+    def squares(self, target_from_cams: Poses) -> Iterator[Squares]:
         """Squared distances of the points from their planes."""
         planes_cam = planes_in_cam(self.planes, target_from_cams[self.pose_idx])
         for part, group in se3.points_in_parts(self.start):
@@ -108,7 +109,7 @@ class PairGroups:
     """Robust loss of distance / sigma."""
 
     def moments(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"], on: GroupedPoints | None = None
+        self, target_from_cams: Poses, on: GroupedPoints | None = None
     ) -> tuple[PairMoments, float]:
         """One pass over the matches, on a device where they are `on` one; see `planfit.lsq.moments`."""
         if on is not None:
@@ -122,7 +123,7 @@ class PairGroups:
         by_point = ("points_a", "points_b", "sigma_m")
         return _in_parts(self, by_point, ("pairs", "weight_per_point"))
 
-    def squares(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Iterator[Squares]:
+    def squares(self, target_from_cams: Poses) -> Iterator[Squares]:
         """Squared distances between the points of each match, in the frame of the first camera."""
         a_from_b = relative_poses(target_from_cams, self.pairs)
         for part, pair in se3.points_in_parts(self.start):

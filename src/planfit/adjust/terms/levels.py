@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from planfit.adjust.terms.groups import PlaneGroups
 from planfit.adjust.terms.observation_models import ObservationModel
+from planfit.geometry.se3 import Poses
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import LevelPoints, Structure
@@ -52,7 +53,7 @@ class LevelTerm:
             self.model.loss,
         )
 
-    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[PlaneMoments, float]:
         """One pass over the points; see `planfit.lsq.moments`."""
         return self.groups.moments(
             target_from_cams, None if self.device == "cpu" else self._on_device

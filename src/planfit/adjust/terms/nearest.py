@@ -29,6 +29,7 @@ from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.errors import OptionError, require_choice, require_positive
 from planfit.floorplan import Floorplan
 from planfit.floorplan.nearest_faces import FaceGrid, make_face_grid
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks
 from planfit.lsq.robust import loss_value
 from planfit.segmentation import WallPatches
@@ -64,9 +65,7 @@ class NearestTerm:
         """The faces, sorted for the search."""
         return make_face_grid(self.floorplan, self.max_distance_m, self.oriented)
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple["NearestPointCorrespondences", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["NearestPointCorrespondences", float]:
         """Nearest faces and weights at plan_from_cams."""
         model, patches = self.model, self.patches
         points, start = patches.points_cam, patches.start
@@ -95,13 +94,13 @@ class NearestPointCorrespondences:
     information: Float[np.ndarray, "m 3"]
     """1/m^2: xx, xy and yy of each point's 2x2 weight."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squares."""
         s = self.patches
         poses = target_from_cams[s.frame_idx]
         return float(correspondence_cost(s.points_cam, s.start, poses, self.feet, self.information))
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of each frame."""
         s, n = self.patches, len(target_from_cams)
         poses = target_from_cams[s.frame_idx]

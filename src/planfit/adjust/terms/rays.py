@@ -25,6 +25,7 @@ from jaxtyping import Float, Int
 
 from planfit.adjust.terms.match_kernels import ray_distances, sum_ray_distances
 from planfit.adjust.terms.observation_models import ObservationModel
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
 from planfit.lsq.robust import loss_value
 from planfit.matching import Matches
@@ -49,14 +50,14 @@ class RayPairs:
     parallel_sq: float
     """Squared sine of the angle at which rays begin to count."""
 
-    def distances(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " m"]:
+    def distances(self, target_from_cams: Poses) -> Float[np.ndarray, " m"]:
         """Signed, faded distances (m)."""
         distance = np.zeros(len(self.rays_first))
         ray_distances(*self._arguments(target_from_cams), distance)
         return distance
 
     def normal_blocks(
-        self, weight: Float[np.ndarray, " m"], target_from_cams: Float[np.ndarray, "n 4 4"]
+        self, weight: Float[np.ndarray, " m"], target_from_cams: Poses
     ) -> NormalBlocks:
         """Gauss-Newton blocks of distances with weights (1/m^2)."""
         k = len(self.pairs)
@@ -91,9 +92,7 @@ class RayTerm:
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
         return replace(self, model=self.model.widened(factor))
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple["RayQuadratic", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["RayQuadratic", float]:
         """Weights of the matches at poses."""
         distance, sigma_sq = self.ray_pairs.distances(target_from_cams), self.matches.sigma**2
         rho, weight = loss_value(distance**2 / sigma_sq, self.model.loss)
@@ -112,11 +111,11 @@ class RayQuadratic:
     weight: Float[np.ndarray, " m"]
     """1/m^2."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squares."""
         return 0.5 * float(self.weight @ self.ray_pairs.distances(target_from_cams) ** 2)
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of the distances."""
         return self.ray_pairs.normal_blocks(self.weight, target_from_cams)
 

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int
 from planfit.adjust.terms.match_kernels import reproject, sum_reprojections
 from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.geometry.camera import Camera
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, blocks_of_relative_poses, relative_poses
 from planfit.lsq.robust import loss_value
 from planfit.matching import Matches
@@ -43,7 +44,7 @@ class ReprojectedMatches:
     min_depth_m: float
 
     def squared(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
+        self, target_from_cams: Poses
     ) -> tuple[Float[np.ndarray, " m"], Bool[np.ndarray, " m"]]:
         """Squared errors (px^2), and which points lie before the camera.
 
@@ -56,7 +57,7 @@ class ReprojectedMatches:
         return squared, is_on
 
     def normal_blocks(
-        self, weight: Float[np.ndarray, " m"], target_from_cams: Float[np.ndarray, "n 4 4"]
+        self, weight: Float[np.ndarray, " m"], target_from_cams: Poses
     ) -> NormalBlocks:
         """Gauss-Newton blocks of errors with weights (1/px^2)."""
         k = len(self.pairs)
@@ -104,9 +105,7 @@ class ReprojectionTerm:
         """The same term with the scale of its loss times `factor`, for graduated non-convexity."""
         return replace(self, model=self.model.widened(factor))
 
-    def reweight(
-        self, target_from_cams: Float[np.ndarray, "n 4 4"]
-    ) -> tuple["ReprojectionQuadratic", float]:
+    def reweight(self, target_from_cams: Poses) -> tuple["ReprojectionQuadratic", float]:
         """Weights of the reprojected matches at poses; those behind the camera have none."""
         model, reprojected = self.model, self.reprojected
         squared, is_on = reprojected.squared(target_from_cams)
@@ -129,10 +128,10 @@ class ReprojectionQuadratic:
     weight: Float[np.ndarray, " m"]
     """1/px^2."""
 
-    def cost(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> float:
+    def cost(self, target_from_cams: Poses) -> float:
         """Half the weighted sum of squares."""
         return 0.5 * float(self.weight @ self.reprojected.squared(target_from_cams)[0])
 
-    def normal_blocks(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> NormalBlocks:
+    def normal_blocks(self, target_from_cams: Poses) -> NormalBlocks:
         """Gauss-Newton blocks of the errors."""
         return self.reprojected.normal_blocks(self.weight, target_from_cams)

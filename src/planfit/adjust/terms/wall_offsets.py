@@ -16,6 +16,7 @@ from planfit.adjust.association import Association
 from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.adjust.terms.walls import WallTerm
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq.blocks import NormalBlocks, sum_by_pose
 from planfit.lsq.covariance import covariances
 from planfit.lsq.moments import PlaneMoments
@@ -117,9 +118,7 @@ def offset_prior(
     return PosePriorTerm(faces, np.tile(np.eye(4), (len(floorplan), 1, 1)), sigma, name)
 
 
-def with_offsets(
-    plan_from_cams: Float[np.ndarray, "n 4 4"], floorplan: Floorplan
-) -> Float[np.ndarray, "u 4 4"]:
+def with_offsets(plan_from_cams: Poses, floorplan: Floorplan) -> Float[np.ndarray, "u 4 4"]:
     """Unknowns: poses and, behind them, faces as drawn."""
     return np.concatenate([plan_from_cams, np.tile(np.eye(4), (len(floorplan), 1, 1))])
 

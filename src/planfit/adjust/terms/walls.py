@@ -15,6 +15,7 @@ from planfit.adjust.association import Association
 from planfit.adjust.terms.groups import PlaneGroups
 from planfit.adjust.terms.observation_models import ObservationModel
 from planfit.floorplan import Floorplan
+from planfit.geometry.se3 import Poses
 from planfit.lsq.moments import PlaneMoments
 from planfit.lsq.torch_moments import GroupedPoints
 from planfit.segmentation import WallPatches
@@ -59,7 +60,7 @@ class WallTerm:
             self.model.loss,
         )
 
-    def reweight(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> tuple[PlaneMoments, float]:
+    def reweight(self, target_from_cams: Poses) -> tuple[PlaneMoments, float]:
         """One pass over the wall points; see `planfit.lsq.moments`."""
         if self.widths is not None:
             return self._widened(self.widths, target_from_cams)
@@ -68,7 +69,7 @@ class WallTerm:
         )
 
     def _widened(
-        self, by: Float[np.ndarray, " k"], target_from_cams: Float[np.ndarray, "n 4 4"]
+        self, by: Float[np.ndarray, " k"], target_from_cams: Poses
     ) -> tuple[PlaneMoments, float]:
         """The same, each loss at its own width.
 

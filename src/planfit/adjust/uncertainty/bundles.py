@@ -12,6 +12,7 @@ from scipy import sparse
 
 from planfit.adjust.terms.groups import PairGroups, PlaneGroups
 from planfit.geometry import se3
+from planfit.geometry.se3 import Poses
 from planfit.lsq.moments import PairMoments, PlaneMoments, planes_in_cam
 from planfit.lsq.robust import loss_curvature, loss_value
 
@@ -51,9 +52,7 @@ class PointBundles(Bundles):
 
 
 def plane_bundles(
-    groups: PlaneGroups,
-    target_from_cams: Float[np.ndarray, "n 4 4"],
-    cluster: Int[np.ndarray, " k"],
+    groups: PlaneGroups, target_from_cams: Poses, cluster: Int[np.ndarray, " k"]
 ) -> PointBundles:
     """Of groups of points on planes; groups of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
@@ -74,7 +73,7 @@ def plane_bundles(
 
 
 def pair_bundles(
-    groups: PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"], cluster: Int[np.ndarray, " k"]
+    groups: PairGroups, target_from_cams: Poses, cluster: Int[np.ndarray, " k"]
 ) -> PointBundles:
     """Of the matches of pairs; pairs of no weight are left out."""
     moments = groups.moments(target_from_cams)[0]
@@ -97,9 +96,7 @@ def pair_bundles(
     return PointBundles(residuals, weights, jacobian, without_gaps, labels, moments)
 
 
-def _curvature(
-    groups: PlaneGroups | PairGroups, target_from_cams: Float[np.ndarray, "n 4 4"], dims: int
-) -> float:
+def _curvature(groups: PlaneGroups | PairGroups, target_from_cams: Poses, dims: int) -> float:
     """Of a term's loss, by the weights that its points have: one where the loss is a parabola there."""
     weight = curvature = 0.0
     for squares in groups.squares(target_from_cams):

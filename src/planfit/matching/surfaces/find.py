@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import MAX_SIGMAS, spanned_steps
 from planfit.matching.options import MatchingOptions
 from planfit.matching.pairs import choose_pairs
@@ -201,9 +202,7 @@ def find_surface_pairs(
     return neighbours.joined(loops[is_supported(loops, poses, odometry)])
 
 
-def _neighbour_starts(
-    world_from_cams: Float[np.ndarray, "n 4 4"], i: int, j: int
-) -> Float[np.ndarray, "s 4 4"]:
+def _neighbour_starts(world_from_cams: Poses, i: int, j: int) -> Float[np.ndarray, "s 4 4"]:
     """The recorded motion, none, and as far as the camera went before the first and after the second.
 
     Over a jump of the tracker the camera itself goes on as before: of eight such steps, 0.3 to 0.9 m long,

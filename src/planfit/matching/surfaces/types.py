@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from planfit.findings import Finding, ScanKind
 from planfit.geometry import se3
 from planfit.geometry.calibration import NOMINAL, PARAMETERS, SensorCalibration
+from planfit.geometry.se3 import Poses
 from planfit.matching.types import PairRows, count_loops
 from planfit.runtime import short_repr
 
@@ -61,7 +62,7 @@ class SurfacePairs(PairRows):
         values = np.linalg.eigvalsh(self.information)
         return np.sum(values < NULL_SHARE * values[:, -1:], axis=1)
 
-    def held_off_m(self, target_from_cams: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " p"]:
+    def held_off_m(self, target_from_cams: Poses) -> Float[np.ndarray, " p"]:
         """How far (m) poses put the cameras of each pair from its motion, in directions that it holds."""
         if len(self) == 0:
             return np.zeros(0)

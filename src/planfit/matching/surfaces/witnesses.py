@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 
 from planfit.geometry import se3
 from planfit.geometry.calibration import PARAMETERS
+from planfit.geometry.se3 import Poses
 from planfit.matching.cycles import MAX_SIGMAS, told_by
 from planfit.matching.surfaces.types import NULL_SHARE, SurfacePairs
 from planfit.matching.types import RelativePoses
@@ -44,10 +45,7 @@ def squared_sigmas(
 
 
 def is_witnessed(
-    found: SurfacePairs,
-    matched: RelativePoses,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
-    odometry: Odometry,
+    found: SurfacePairs, matched: RelativePoses, world_from_cams: Poses, odometry: Odometry
 ) -> Bool[np.ndarray, " p"]:
     """Neighbours that agree with the recorded motion, or with two others by way of a third frame.
 
@@ -114,10 +112,7 @@ def _close_triangles(
 
 
 def _is_ruled_out(
-    found: SurfacePairs,
-    k: int,
-    others: SurfacePairs,
-    world_from_cams: Float[np.ndarray, "n 4 4"],
+    found: SurfacePairs, k: int, others: SurfacePairs, world_from_cams: Poses
 ) -> bool:
     """Whether others say of every step of pair k that the tracker did not jump there as pair k says.
 
@@ -143,9 +138,7 @@ def _slack(n: int) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     return np.full(n, _SLACK_M / 3.0), np.full(n, _SLACK_M)
 
 
-def is_supported(
-    loops: SurfacePairs, poses: Float[np.ndarray, "n 4 4"], odometry: Odometry
-) -> Bool[np.ndarray, " p"]:
+def is_supported(loops: SurfacePairs, poses: Poses, odometry: Odometry) -> Bool[np.ndarray, " p"]:
     """Revisits that another one of the same visit agrees with: a false one seldom finds its like."""
     if len(loops) == 0:
         return np.zeros(0, dtype=bool)
