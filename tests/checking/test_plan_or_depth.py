@@ -67,9 +67,11 @@ def test_a_plan_is_believed_where_depth_may_explain_its_scale(
         assert found.min_sigmas == priors.min_sigmas
 
 
-def test_a_plan_that_fits_as_drawn_is_right():
+def test_a_plan_that_fits_as_drawn_is_right_within_what_plans_are_off_by():
+    """A flat drawn 1 % large: right depth was corrected by 1.3 %, with a sigma of 0.25 %."""
     found = plan_prior(on_plan_scaled(1.0), asked_of_depth(0.0, 0.01), PRIORS)
-    assert found.plan_scale_sigma == 0.0
+    assert found.plan_scale_sigma == PRIORS.plan_scale_sigma > 0
+    assert found.min_sigmas == PRIORS.min_sigmas
 
 
 @pytest.mark.parametrize(

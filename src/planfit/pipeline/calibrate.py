@@ -169,12 +169,13 @@ def with_motion_to_scale(
     if tracking is None or correspondences is None or not is_possible:
         return calibrated
     calibration, priors = calibrated.calibration, calibrated.observations.priors
-    if plan_prior(on_plan, calibration, priors).plan_scale_sigma > 0:
+    of_plan = plan_prior(on_plan, calibration, priors).plan_scale_sigma
+    if of_plan > priors.plan_scale_sigma:
         return calibrated
     with timer.stage("calibrate"):
         problem, unknowns = _solved(calibrated.prepared.measurements, adjustment, options)
         sigmas = np.zeros(len(SHARED))
-        sigmas[ODOMETRY] = priors.odometry_scale_sigma
+        sigmas[ODOMETRY], sigmas[PLAN] = priors.odometry_scale_sigma, of_plan
         before = _used(calibration)
         step = shared_step(problem, unknowns, before, sigmas)
     change, sigma = (
@@ -280,16 +281,18 @@ def plan_prior(
 ) -> CalibrationPriors:
     """Priors of a run, with those of its plan.
 
-    A metric plan that fits as drawn is right. One that fits a little too large or small may be right, and the
-    scan's depth be corrected not quite enough: depth alone is asked. One that is further off was drawn so,
-    and who allows a plan another scale does not know its own: its scale is free then, as that of a plan
-    without unit; what the sensor measured is not bent to it.
+    A metric plan that fits as drawn is right within what plans are off by. One that fits a little too large
+    or small may be right, and the scan's depth be corrected not quite enough: depth alone is asked. One that
+    is further off was drawn so, and who allows a plan another scale does not know its own: its scale is free
+    then, as that of a plan without unit; what the sensor measured is not bent to it.
     """
     found, plan = on_plan.alignment, on_plan.floorplan
     if plan is None or plan.before_line is None:
         priors = replace(priors, half_thickness_sigma_m=0.0)
-    if found is None or (found.scale_xy == (1.0, 1.0) and not found.is_plan_doubted):
+    if found is None:
         return replace(priors, plan_scale_sigma=0.0)
+    if found.scale_xy == (1.0, 1.0) and not found.is_plan_doubted:
+        return priors
     departure = float(np.log(found.fitting_scale))
     # Whether or not it was kept: where the odometry tells little of the metre, depth is doubted first. What
     # the scan alone asks of depth, and was not corrected, is not the plan's.

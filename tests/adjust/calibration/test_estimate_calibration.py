@@ -76,6 +76,18 @@ def test_each_parameter_is_found_alone(world, name, walls):
     assert 0 < found.sigma(name) < 0.3 * abs(put_in[k])
 
 
+def test_depth_is_as_uncertain_as_the_plan_that_tells_it(world):
+    """Where recorded steps say little, the metre of a plan is that of depth: so are their errors."""
+    steps = world.measurements.odometry
+    loose = replace(steps, sigma_translation=10 * steps.sigma_translation)
+    world = replace(world, measurements=replace(world.measurements, odometry=loose))
+    priors, k = CalibrationPriors(), SHARED.index("depth_scale")
+    known, found = found_in(world), found_in(world, priors)
+    assert found.kept == ()
+    apart = np.hypot(known.sigmas[k], priors.plan_scale_sigma)
+    assert found.sigmas[k] == pytest.approx(apart, rel=0.1)
+
+
 def test_the_aspect_is_found_where_it_may_be_wrong(world):
     undone_by = SensorCalibration(focal_aspect=1.04)
     free = replace(KNOWN_PLAN, focal_aspect_sigma=0.03)
