@@ -133,8 +133,8 @@ def drawn_shares(
 def are_outlined(
     rooms: list[BaseGeometry], called_wall: Float[np.ndarray, "n 2 2"], extent: float
 ) -> bool:
-    """Whether lines on layers that are called wall go along most of the edges of rooms: they are the walls,
-    with their doors, and the floors between them say no more."""
+    """Whether lines on layers that are called wall go along most of the edges of rooms: where each stands for
+    a wall, they say where its doors are, and the floors between them no more."""
     areas = np.array(rooms)
     shares, lengths = drawn_shares(areas, called_wall, extent), shapely.length(areas)
     return bool(2 * (shares * lengths).sum() > lengths.sum())

@@ -67,7 +67,7 @@ def single_line_walls(
     main = int(np.bincount(group, length).argmax())
     found = group == main
     size, whole = (np.ptp(part.reshape(-1, 2), axis=0) for part in (ends[found], ends))
-    beside = _lengths_beside(ends, thickness.most, thickness.least)
+    beside = lengths_beside(ends, thickness.most, thickness.least)
     is_single = beside[found].sum() < BESIDE * length[found].sum()
     is_main = length[found].sum() > MAIN * length.sum()
     spans = bool((size > SPANNED * whole).all())
@@ -94,7 +94,7 @@ def _are_edges_of_rooms(ends: Ends) -> bool:
     return len(rooms) >= ROOMS and explained > EXPLAINED * lines.length
 
 
-def _lengths_beside(ends: Ends, most: float, least: float) -> Float[np.ndarray, " n"]:
+def lengths_beside(ends: Ends, most: float, least: float) -> Float[np.ndarray, " n"]:
     """How much of each line has a parallel one beside it, within `most` and beyond `least`."""
     pairs = find_partners(ends, most, least, 0.0, PARALLEL_SINE)
     return covered_lengths(pairs.line, pairs.low, pairs.high, len(ends))
@@ -165,7 +165,7 @@ def _are_of_rooms(
         if len(at) == 0:
             continue
         ends, total = rest.ends[at], length[at].sum()
-        beside = _lengths_beside(ends, BESIDE_REACH * extent, 1e-3 * extent).sum()
+        beside = lengths_beside(ends, BESIDE_REACH * extent, 1e-3 * extent).sum()
         spans = (np.ptp(ends.reshape(-1, 2), axis=0) > NETWORK_SPANS * whole).all()
         called = length[at[rest.is_called_wall[at]]].sum()
         is_named = called > 0.5 * total or called_length < LITTLE * total

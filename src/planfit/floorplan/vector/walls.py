@@ -42,7 +42,7 @@ from planfit.floorplan.vector.line_work import (
 )
 from planfit.floorplan.vector.openings import take_out_windows
 from planfit.floorplan.vector.room_edges import boxed_rooms, drawn_between_rooms
-from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words
+from planfit.floorplan.vector.single_lines import body_of_faces, left_out_words, lengths_beside
 from planfit.floorplan.vector.strokes import LEAST_SLIM, slimness
 from planfit.floorplan.vector.wall_faces import MAIN_SHARE, faces_of_all, faces_of_solid
 from planfit.geometry import segments
@@ -254,7 +254,10 @@ def _solids_and_rooms(
     chosen = main_rooms(rooms, extent, hull)
     called_wall = lines.ends[np.array(roles, dtype=int)[lines.layer] == Role.WALL]
     if chosen and are_outlined(chosen, called_wall, extent):
-        chosen = []
+        # Faces of walls run in twos, and the floors end at them.
+        beside = lengths_beside(called_wall, most, SAME * extent)
+        if 2 * beside.sum() < segments.lengths(called_wall).sum():
+            chosen = []
     if not walls and not chosen:
         chosen = boxed_rooms(lines, most, extent)
     return walls, chosen, left_out_rooms(rooms, chosen)
