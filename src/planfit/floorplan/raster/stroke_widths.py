@@ -266,7 +266,10 @@ def bodies_share(mask: Mask) -> float:
     # Insides of walls hold up to half of all edges: the upper quarter are those of rooms.
     total = np.cumsum(length[order])
     of_rooms = width[order][np.searchsorted(total, 0.75 * total[-1])]
-    return float(length[is_blank & (width < _NARROW * of_rooms)].sum() / total[-1])
+    is_body = is_blank & (width < _NARROW * of_rooms)
+    # What is left of the paper around a drawing may be narrow too.
+    is_body[np.unique(np.concatenate([of[0], of[-1], of[:, 0], of[:, -1]]))] = False
+    return float(length[is_body].sum() / total[-1])
 
 
 def _first(is_set: Bool[np.ndarray, "m reach"]) -> Int[np.ndarray, " m"]:
