@@ -22,6 +22,8 @@ STRAIGHT = 0.6
 """Share of a wall's outline that is long and straight."""
 _ALIKE = 1.4
 """Walls of one drawing are up to so many times as thick as usual, or as thin."""
+_THICK = 1.6
+"""Bars from so many times the usual thickness on are no walls."""
 _APART = 24.0
 """A wall that hangs on no other has an outline at least this many times as long as it is thick."""
 _NARROW, _MESHED = 2.0, 0.4
@@ -226,8 +228,8 @@ def _are_part_of_the_building(
     is_small = forms.reach < 0.2 * extent_px
     is_large &= ~((has_holes | ~is_straight) & (thickness < 1 / _ALIKE) & is_small)
     # Two lines of dimensions are a bar by themselves, further apart than the faces of walls.
-    is_large &= ~(is_bar & (thickness > _ALIKE))
-    result = is_large | (is_thick & is_bar & (thickness < _ALIKE) & (outline > 0.1 * extent_px))
+    is_large &= ~(is_bar & (thickness > _THICK))
+    result = is_large | (is_thick & is_bar & (thickness < _THICK) & (outline > 0.1 * extent_px))
     # As thick as other walls, straight, and open: what stands about has closed outlines, or is as short.
     is_alike = is_wall & ~has_holes & (thickness > 1 / _ALIKE) & (thickness < _ALIKE)
     is_alike &= (straight > 0.75 * outline) & (outline > max(_APART * usual, 0.05 * extent_px))
