@@ -166,7 +166,8 @@ def read_floorplan(path: str | Path, options: PlanOptions | None = None) -> Floo
         )
     edits = PlanEdits() if options.edits is None else read_edits(options.edits)
     regions = (*options.keep_regions, *(tuple((x, y) for x, y in c.tolist()) for c in edits.keep))
-    options = replace(options, keep_regions=regions)
+    if regions:
+        options = replace(options, keep_regions=regions)
     hint = _map_hint(path)
     with told_as(FloorplanError, path, f"a plan as {path.suffix or 'IMDF'}"):
         try:
