@@ -88,7 +88,7 @@ def test_a_look_alike_room_within_reach_of_drift_is_refused_by_what_connects_the
     false = look_alikes(poses, begins[0], begins[5], np.array([0, 4.0, 0]))
     true = loops(poses, [(begins[i] + k, begins[i + 1] + k) for i in (0, 1, 3, 4)
                          for k in range(0, 40, 2)])  # fmt: skip
-    is_accepted = accepted(true.joined(false), recorded, UNSURE)
+    is_accepted = accepted(true.then(false), recorded, UNSURE)
     assert is_accepted[: len(true.pairs)].mean() > 0.95
     assert not is_accepted[len(true.pairs) :].any()
     # Without the true loops nothing but drift can tell, and drift could explain most of them.
@@ -151,7 +151,7 @@ def test_a_revisit_that_explains_little_is_held_to_the_drift_that_the_others_sho
     # The tracker is far better than its sigmas: by them alone a poster 2.5 m off could be right.
     poses, (a, b, c, d) = walk((0, 0), (12, 0), (0, 0), (0, 12))
     true = loops(poses, [(a + k, c + k) for k in range(0, 40, 2)])
-    both = true.joined(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5)))
+    both = true.then(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5)))
     is_true = np.arange(21) < 20
 
     def is_poster_accepted(share, **options):
@@ -171,7 +171,7 @@ def test_a_revisit_that_explains_little_is_held_to_the_drift_that_the_others_sho
 def test_a_gap_in_the_tracking_is_no_drift_that_others_could_tell():
     poses, (a, b, c, d) = walk((0, 0), (12, 0), (0, 0), (0, 12))
     true = loops(poses, [(a + k, c + k) for k in range(0, 40, 2)])
-    both = explaining(true.joined(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5))), 0.05)
+    both = explaining(true.then(loops(poses, [(b + 35, d + 9)], look_from(poses, d, 2.5))), 0.05)
     both.explained[:20] = 0.5
     odometry = make_odometry(poses, UNSURE)
     lost = np.arange(len(poses) - 1) == d - 3
@@ -192,7 +192,7 @@ def test_what_explains_more_is_decided_first():
     # Both could be right by the odometry, the poster even surer (less way between its ends); not both.
     true = loops(poses, [(a, c + 39)])
     poster = loops(poses, [(a + 3, c + 36)], look_from(poses, c, 2.0))
-    both = true.joined(poster)
+    both = true.then(poster)
     assert_array_equal(accepted(both, poses, UNSURE), [False, True])
     assert_array_equal(accepted(explaining(both, [0.8, 0.05]), poses, UNSURE), [True, False])
 

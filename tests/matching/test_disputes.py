@@ -50,7 +50,7 @@ def both(poses, true_share=0.2, false_share=0.6, drift_m=0.0):
     along = np.linspace(0, 1, N_WAY)[:, None] * ASIDE / np.linalg.norm(ASIDE) * drift_m
     recorded[N_LAP:-N_LAP, :3, 3] += along
     recorded[-N_LAP:, :3, 3] += along[-1]
-    return true.joined(false), recorded
+    return true.then(false), recorded
 
 
 def accepted(found, recorded, odometry=None, **options):

@@ -47,7 +47,7 @@ def test_scattered_false_pairs_are_outvoted(scans):
     found = pairs_of(first, second, FIRST_FROM_SECOND, 20, rng)
     for _ in range(12):
         elsewhere = se3.yaw_transform(rng.uniform(-3, 3), np.array([*rng.uniform(-9, 9, 2), 0.0]))
-        found = found.joined(pairs_of(first, second, elsewhere, 1, rng))
+        found = found.then(pairs_of(first, second, elsewhere, 1, rng))
     link = link_by_votes(0, 1, (first, second), found, has_floors=True)
     assert link is not None
     np.testing.assert_allclose(link.first_from_second, FIRST_FROM_SECOND, atol=0.1)
@@ -58,7 +58,7 @@ def test_two_places_with_about_as_many_votes_give_no_link(scans):
     rng, first, second = scans
     other = se3.yaw_transform(1.1, np.array([9.0, -2.5, 0.0]))
     found = pairs_of(first, second, FIRST_FROM_SECOND, 20, rng)
-    found = found.joined(pairs_of(first, second, other, 15, rng))
+    found = found.then(pairs_of(first, second, other, 15, rng))
     assert link_by_votes(0, 1, (first, second), found, has_floors=True) is None
 
 
