@@ -33,7 +33,8 @@ def test_depth_that_is_long_is_found_and_said(finished: Path) -> None:
     record = json.loads((finished / "run.json").read_text())
     scale = record["sensor"]["parameters"]["depth_scale"]
     assert scale["kept"]
-    assert scale["found"] == pytest.approx(1 / 1.03, abs=0.004)
+    assert scale["sigma"] < 0.007  # a plan in metres tells it, which may be off by 0.6 % itself
+    assert scale["found"] == pytest.approx(1 / 1.03, abs=scale["sigma"])
     assert any("depth was measured" in warning for warning in record["warnings"])
     assert not any("the plan is drawn" in warning for warning in record["warnings"])
     assert ">The sensor</h2>" in (finished / "report.html").read_text()
@@ -46,7 +47,7 @@ def test_exported_depth_has_its_true_size(finished: Path, small_scan: Path, tmp_
     path = sorted((out / "depth").iterdir())[5]
     found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) / 1e3
     known = np.isfinite(true) & (found > 0)
-    assert np.median(found[known] / true[known]) == pytest.approx(1.0, abs=0.005)
+    assert np.median(found[known] / true[known]) == pytest.approx(1.0, abs=0.007)
 
 
 def test_evaluate_gives_the_metrics_of_the_run(finished: Path, capsys) -> None:
@@ -66,5 +67,5 @@ def test_calibrate_writes_what_other_scans_are_read_with(
     assert run(words) == 0
     read = read_scan(long_scan, options=ScanOptions(calibration=path))
     ratio = read.files.depth(5) / read_scan(small_scan).files.depth(5)
-    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.005)
+    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.007)
     assert run(words) == 2  # the file is there already
