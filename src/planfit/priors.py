@@ -362,9 +362,6 @@ SAME_MOTION_SIGMAS = Prior(
     "Two motions, as the norm of six numbers in sigmas: chi-square with six degrees of freedom leaves 3e-6 "
     "beyond. As wide because errors of matches are not independent.",
 )
-MIN_WITNESSES = 3
-"""Observations that must agree where any may be false: of two, one false one leaves a tie. Patches of a wall
-that was moved, revisits that place a part of the walk, frames that stand on a floor."""
 CLEAR_ODDS = Prior(
     100.0,
     "Of two explanations one is taken, and the other left, where it is so many times as likely: 'decisive' "

@@ -19,10 +19,10 @@ from planfit.adjust.problem import build_problem, ceiling_term
 from planfit.geometry import se3
 from planfit.geometry.se3 import Poses
 from planfit.lsq.robust import loss_value
-from planfit.priors import MIN_WITNESSES
 from planfit.runtime import let_go
 from planfit.segmentation import LevelPoints, Structure
 from planfit.segmentation.storeys import MAX_DRIFT_M
+from planfit.tracking.types import MIN_WITNESSES
 
 TOLERANCE_M = 0.1
 """A frame belongs to a ceiling when the middle of its ceiling points is within this of it."""

@@ -15,13 +15,13 @@ from planfit.geometry import se3
 from planfit.geometry.se3 import Poses
 from planfit.priors import (
     FLOOR_SLOPE_MOST_SHARE,
-    MIN_WITNESSES,
     STAIR_RISER_MOST_M,
     SURE_SIGMAS,
     VIEW_DISTANCE_M,
     WALL_LEAN_SIGMA_DEG,
 )
 from planfit.segmentation import LevelPoints, WallPatches
+from planfit.tracking.types import MIN_WITNESSES
 
 CELL_M = 0.5
 """Floor points are thinned to one height a cell."""

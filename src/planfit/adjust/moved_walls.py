@@ -20,7 +20,6 @@ from planfit.floorplan.faces import connected_groups
 from planfit.floorplan.nearest_faces import distances_of_segments, share_beside
 from planfit.priors import (
     DOOR_GAP_M,
-    MIN_WITNESSES,
     SURE_SIGMAS,
     WALL_AS_BUILT_SIGMA_M,
     WALL_AS_DRAWN_M,
@@ -29,6 +28,7 @@ from planfit.priors import (
     WALL_MOVED_SHARE,
     WALL_SPREAD_M,
 )
+from planfit.tracking.types import MIN_WITNESSES
 
 STEP_M = 0.01
 """Offsets are tried this far apart."""

@@ -23,7 +23,8 @@ from planfit.adjust.moved_walls import (
     wall_numbers,
 )
 from planfit.adjust.voting import beside_faces
-from planfit.priors import MIN_WITNESSES, WALL_MOVED_SHARE
+from planfit.priors import WALL_MOVED_SHARE
+from planfit.tracking.types import MIN_WITNESSES
 
 SAME_SHIFT_M = 2 * WITHIN_M
 """Shifts that differ by less are one: a patch may agree with both."""

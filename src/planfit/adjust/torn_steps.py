@@ -25,8 +25,8 @@ from planfit.matching.cycles import (
     spanned_steps,
 )
 from planfit.matching.pose_graph import LoopGraph
-from planfit.priors import MIN_WITNESSES
 from planfit.scan.odometry import Odometry
+from planfit.tracking.types import MIN_WITNESSES
 
 MIN_SIGMAS = 12.0
 """A step within so many sigmas of the recorded one (norm of six numbers) is not torn."""

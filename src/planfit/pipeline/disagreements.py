@@ -19,7 +19,7 @@ from planfit.findings.finding import FEW_NAMED
 from planfit.geometry import se3
 from planfit.matching import Matches
 from planfit.pipeline.folds import NOT_KEPT_OUT, FoldedSolves, without_fold
-from planfit.priors import MIN_WITNESSES
+from planfit.tracking.types import MIN_WITNESSES
 from planfit.units import in_units
 
 SUSPECT_FACTOR = 4.0

@@ -28,7 +28,6 @@ from planfit.pipeline.on_plan import ScanOnPlan
 from planfit.pipeline.options import RefineOptions
 from planfit.pipeline.parts import matched_elsewhere, opened_by_walls, placed_by_parts
 from planfit.pipeline.prepare import PreparedScan, prepare
-from planfit.priors import MIN_WITNESSES
 from planfit.runtime import Runtime, StageTimer
 from planfit.scan import Scan
 from planfit.scan.odometry import unusualness, usual_step
@@ -36,7 +35,7 @@ from planfit.tracking import Tracking
 from planfit.tracking.breaks import consensus, is_large, isotropic, votes_on
 from planfit.tracking.motions import MAX_SIGMAS, expected_covariance
 from planfit.tracking.submaps import motions_between
-from planfit.tracking.types import describe_jump
+from planfit.tracking.types import MIN_WITNESSES, describe_jump
 
 MAX_JUMPS = 3
 """Jumps that revisits and walls place together, one after the other."""

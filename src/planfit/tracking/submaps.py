@@ -17,7 +17,6 @@ from planfit.matching import Matches
 from planfit.matching.cycles import spanned_steps
 from planfit.matching.relative_motions import VerifiedPairs
 from planfit.matching.types import RelativePoses
-from planfit.priors import MIN_WITNESSES
 from planfit.scan.odometry import (
     LONG,
     USUAL_SHARE,
@@ -46,6 +45,7 @@ from planfit.tracking.motions import (
     squared_sigmas,
 )
 from planfit.tracking.types import (
+    MIN_WITNESSES,
     Tracking,
     TrackingBreak,
     describe_jump,

@@ -174,6 +174,9 @@ again."""
 LEAP_CHANGED = 0.5
 """Where a recording paused it may be right, and is recorded: what departs from the recorded step by more than
 this share of it is none of a pause."""
+MIN_WITNESSES = 3
+"""Observations that must agree where any may be false: of two, one false one leaves a tie. Patches of a wall
+that was moved, revisits that place a part of the walk, frames that stand on a floor."""
 NOTED_FACTOR = 2.0
 """A tracker that errs by more than this factor is worth a note, and its poses are fused with those."""
 

@@ -13,7 +13,7 @@ from jaxtyping import Bool, Float
 from planfit.geometry import se3
 from planfit.matching import RelativePoses
 from planfit.matching.pairs import VISIT_FRAMES
-from planfit.priors import MIN_WITNESSES
+from planfit.tracking.types import MIN_WITNESSES
 
 MAX_TILT_DEG, MAX_LIFT_M = 8.0, 0.5
 """A scan that is levelled, floor at 0, does not stand tilted or higher by more: its own drift is less."""

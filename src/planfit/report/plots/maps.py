@@ -14,7 +14,7 @@ from planfit.findings.finding import FEW_NAMED
 from planfit.floorplan import Floorplan
 from planfit.geometry import se3
 from planfit.pipeline.result import RefineResult
-from planfit.priors import MIN_WITNESSES, PATCH_TURN_MOST_DEG, WALL_AS_DRAWN_M
+from planfit.priors import PATCH_TURN_MOST_DEG, WALL_AS_DRAWN_M
 from planfit.report.measures import Measures
 from planfit.report.plots import colors
 from planfit.report.plots.axes import BOTTOM_PT, LEGEND_PT, Axes, left_pt
@@ -26,6 +26,7 @@ from planfit.report.plots.top_view import (
     new_view,
 )
 from planfit.scan.joined import FramesOfScan
+from planfit.tracking.types import MIN_WITNESSES
 
 RANGE_M = 0.2
 """Distances (m) at which the colours end: of the floor from its plane, of a wall from where it is drawn."""
