@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from planfit.cli import run
 from planfit.cli.arguments import SurveyFlags
@@ -76,7 +77,7 @@ def test_residuals_of_both_are_written(small_scan: Path, tables: Path, tmp_path:
         assert record["survey"][role]["rms_m"] < 0.05
     assert record["inputs"]["control_points"] == str((tables / "control.csv").resolve())
     assert record["registration"]["checked_95_m"] == pytest.approx(
-        1.614 * record["survey"]["check"]["rms_m"]
+        np.sqrt(chi2.ppf(0.95, 3) / 3) * record["survey"]["check"]["rms_m"]
     )
     assert "check points, RMS" in (out / "registration.csv").read_text()
     page = (out / "report.html").read_text()
