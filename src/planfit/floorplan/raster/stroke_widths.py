@@ -268,7 +268,7 @@ def bodies_share(mask: Mask) -> float:
     of_rooms = width[order][np.searchsorted(total, 0.75 * total[-1])]
     is_body = is_blank & (width < _NARROW * of_rooms)
     # What is left of the paper around a drawing may be narrow too.
-    is_body[np.unique(np.concatenate([of[0], of[-1], of[:, 0], of[:, -1]]))] = False
+    is_body &= ~np.isin(np.arange(n), np.concatenate([of[0], of[-1], of[:, 0], of[:, -1]]))
     return float(length[is_body].sum() / total[-1])
 
 
