@@ -97,6 +97,21 @@ def test_what_lies_outside_of_a_region_of_a_picture_misleads_nothing(tmp_path: P
     assert not any("second plan" in words for words in plan.source.warnings)
 
 
+@pytest.mark.parametrize("region", [
+    "0,0,1e12,1e12", "-5e9,-5e9,5e9,-5e9,5e9,5e9,-5e9,5e9",
+    "0,0,700,0,700,400,0,400,0,0,800,0",  # whose last stretch is a line
+])  # fmt: skip
+def test_a_region_beyond_all_pixels_leaves_the_picture_as_it_is(
+    tmp_path: Path, region: str
+) -> None:
+    image = np.full((400, 700), 255, np.uint8)
+    cv2.rectangle(image, (50, 50), (640, 340), 0, 20)
+    path, out = tmp_path / "room.png", tmp_path / "out.json"
+    cv2.imwrite(str(path), image)
+    assert run(["plan", str(path), f"--keep-region={region}", "-o", str(out)]) == 0
+    np.testing.assert_allclose(read_floorplan(out).ends, read_floorplan(path).ends, atol=1e-6)
+
+
 def test_numbers_of_faces_are_those_of_the_region(room: Path, tmp_path: Path) -> None:
     """What `--numbers` shows with a region is what `--drop` beside that region leaves out."""
     region, out, after = "--keep-region=0.5,-4.5,7,-0.5", tmp_path / "a.json", tmp_path / "b.json"

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import shapely
 from jaxtyping import Bool, UInt8
 from PIL import Image, ImageOps
 
@@ -58,10 +59,16 @@ def _blank_outside(
     of the image): frames and tables there then do not mislead what is taken for a wall."""
     if not regions:
         return image_bgr
-    is_kept = np.zeros(image_bgr.shape[:2], np.uint8)
+    height, width = image_bgr.shape[:2]
+    is_kept = np.zeros((height, width), np.uint8)
     for region in regions:
         corners = (np.array(region) + 0.5) / shrink - 0.5
-        cv2.fillPoly(is_kept, [np.round(corners).astype(np.int32)], 1)
+        # Corners far outside are beyond what OpenCV counts.
+        shown = shapely.make_valid(shapely.Polygon(corners))
+        parts = shapely.get_parts(shapely.clip_by_rect(shown, -1, -1, width, height))
+        for part in parts[shapely.area(parts) > 0]:
+            outline = np.round(shapely.get_coordinates(shapely.get_exterior_ring(part)))
+            cv2.fillPoly(is_kept, [outline.astype(np.int32)], 1)
     if not is_kept.any():
         return image_bgr  # no wall will be left in them, which is said
     paper = np.median(image_bgr[is_kept > 0], axis=0).astype(np.uint8)
