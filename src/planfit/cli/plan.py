@@ -81,14 +81,13 @@ def plan_command(arguments: PlanArguments) -> int:
     ends = ends_of_faces(floorplan, drop)
     if drop:
         floorplan = edited(floorplan, PlanEdits(ends), "--drop")
-    if drop or regions:
-        if arguments.write_edits is not None:
-            write_edits(arguments.write_edits, PlanEdits(ends, tuple(map(np.array, regions))))
-            out.print(f"written: {arguments.write_edits}", soft_wrap=True)
-    elif arguments.write_edits is not None:
-        raise OutputError(
-            "--write-edits: expected --drop or --keep-region beside it, found neither"
-        )
+    if arguments.write_edits is not None:
+        if not (drop or regions):
+            raise OutputError(
+                "--write-edits: expected --drop or --keep-region beside it, found neither"
+            )
+        write_edits(arguments.write_edits, PlanEdits(ends, tuple(map(np.array, regions))))
+        out.print(f"written: {arguments.write_edits}", soft_wrap=True)
     summarise(floorplan)
     if writer is not None and arguments.out is not None:
         if arguments.numbers and writer is _write_png:

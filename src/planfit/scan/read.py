@@ -94,8 +94,8 @@ def _read(path: Path, options: ScanOptions) -> tuple[Recording, bool]:
         raise ScanError(
             f"{path}: expected one scan in the archive, found {len(inside)}; name one of them: {named}"
         )
-    is_part = is_of_known(source, known) or folder_of_scan(source, known) is not None
-    is_free = last is not None and (name == LAST or not is_part)
+    # Asked for, it needs no look into the folder above.
+    is_free = name == LAST or not (is_of_known(source, known) or folder_of_scan(source, known))
     is_asked = name == LAST or options.poses is not None
     if last is not None and is_free and (is_asked or last.recognise(source)):
         return last.read(source, options), False
