@@ -76,6 +76,11 @@ def test_facts_that_words_need_are_asked_for_at_once():
         ),
         (PlanKind.PLAN_RESCALED, {"scale_ratio": 1 / 1.05, "sigma_share": 0.001}, "5.0% too large"),
         (PlanKind.PLAN_MIRRORED, {"was_mirrored": True}, "run again without --mirror"),
+        (
+            PlanKind.AMBIGUOUS_PLACE,
+            {"other_metres_per_unit": 0.5},
+            "(--scale 1:100, or metres a unit)",
+        ),
         (PlanKind.LITTLE_WALL_ON_PLAN, {"is_plan_metric": False}, "plan of this building?"),
         (PlanKind.THICKNESS_FITTED, {"drawn_thickness_m": 0.03}, "as strokes 0.03 m thick: "),
         (PoseKind.CLOCK_CORRECTED, {"offset_s": -0.02, "offset_frames": -0.6}, "20 ms earlier"),

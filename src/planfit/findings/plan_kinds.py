@@ -16,9 +16,22 @@ RIVAL = (
 def _apart(
     apart_m: float, apart_deg: float, metres_per_unit: float, other_metres_per_unit: float
 ) -> str:
-    scales = f"{metres_per_unit:.4g}", f"{other_metres_per_unit:.4g}"
-    scale = "" if scales[0] == scales[1] else f", scales {' and '.join(scales)} m a unit"
+    scales = _unlike(metres_per_unit, other_metres_per_unit)
+    scale = f", scales {' and '.join(scales)} m a unit" if scales else ""
     return f"{in_units(apart_m, '.1f')} and {apart_deg:.0f} deg apart{scale}"
+
+
+def _unlike(metres_per_unit: float, other_metres_per_unit: float) -> tuple[str, ...]:
+    """Both scales as they are printed; empty where that is the same."""
+    scales = f"{metres_per_unit:.4g}", f"{other_metres_per_unit:.4g}"
+    return () if scales[0] == scales[1] else scales
+
+
+def _step_between_places(metres_per_unit: float, other_metres_per_unit: float) -> str:
+    place = "choose the other one with --candidate 2, or give control points"
+    if not _unlike(metres_per_unit, other_metres_per_unit):
+        return place
+    return f"give the scale of the plan, which tells them apart (--scale 1:100, or metres a unit), or {place}"
 
 
 def _little_wall(wall_share: float, min_wall_share: float, is_plan_metric: bool) -> str:
@@ -105,7 +118,7 @@ class PlanKind(Kind):
     LITTLE_WALL_ON_PLAN = warning(_little_wall)
     AMBIGUOUS_PLACE = warning(
         ("ambiguous: ", RIVAL, _apart),
-        "choose the other one with --candidate 2, or give control points",
+        _step_between_places,
     )
     OTHER_PLACE_BETTER = warning(
         (
