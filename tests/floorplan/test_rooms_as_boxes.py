@@ -288,3 +288,20 @@ def test_what_lies_on_a_dark_area_is_cut_out_of_walls_and_not_of_floors(
     hidden = shapely.union_all([area(*each) for each in over])
     expected = area(*under).difference(hidden) if is_cut else area(*under)
     assert builder.build().fills[0].polygon.area == pytest.approx(expected.area)
+
+
+@pytest.mark.parametrize("is_on_plot", [False, True])
+def test_a_plot_that_passes_for_a_room_is_a_doubt(tmp_path: Path, is_on_plot: bool) -> None:
+    """Three tinted rooms of a house of single lines are less than the plot that it stands on."""
+    plot: Box = (20, 20, 560, 460)
+    house: Box = (100, 100, 300, 300)
+    tinted: list[Box] = [(100, 340, 60, 60), (340, 340, 60, 60), (100, 100, 50, 50)]
+    drawn = [box(plot, 'fill="#e8f5e9" stroke="#2e7d32" stroke-width="3"')] if is_on_plot else []
+    drawn.append(box(house, 'fill="#fff" stroke="#000" stroke-width="4"'))
+    drawn += [box(at, 'fill="#e3f2fd"') for at in tinted]
+    drawn += [
+        line(at, 'stroke="#000" stroke-width="3"')
+        for at in [(100, 250, 400, 250), (250, 100, 250, 400)]
+    ]
+    plan = svg(tmp_path / "plan.svg", *drawn)
+    assert any("is it the plot" in words for words in plan.source.warnings) == is_on_plot

@@ -97,7 +97,7 @@ def make_darkness(
         return darkness
     if float((darkness > 0.25).mean()) < 2e-4:
         raise FloorplanError(
-            f"{name}: expected a drawing of walls, found a blank page; is it the right page or file?"
+            f"{name}: expected a drawing of walls, found a blank page; is it the right page, file, or region?"
         )
     if float((darkness < _PAPER).mean()) < MIN_PAPER_SHARE:
         raise FloorplanError(

@@ -286,6 +286,23 @@ def left_out_rooms(rooms: list[BaseGeometry], chosen: list[BaseGeometry]) -> str
     )
 
 
+def plot_words(chosen: list[BaseGeometry]) -> str:
+    """A sentence where most of the ground of the `chosen` areas is one that holds several others, as the plot
+    of a house does; empty where not."""
+    if not chosen:
+        return ""
+    areas = np.array(chosen, dtype=object)
+    size = shapely.area(areas)
+    largest = areas[size.argmax()]
+    n_held = int(shapely.covers(largest, areas).sum()) - 1
+    if 2 * size.max() < shapely.union_all(areas).area or n_held < 2:
+        return ""
+    return (
+        f"one filled area that holds {n_held} others is most of the ground: its edge was read as walls, and "
+        f"lines inside it were not: is it the plot of the building? {COMPARE}"
+    )
+
+
 def _each_once(rooms: list[BaseGeometry]) -> list[BaseGeometry]:
     """Without those that lie half or more in a smaller one kept before: fill and hatch of one room."""
     tree = shapely.STRtree(rooms)

@@ -16,6 +16,7 @@ from planfit.floorplan.vector.areas import (
     hatched_areas,
     left_out_rooms,
     main_rooms,
+    plot_words,
     sort_fills,
     uppermost,
     without_ground,
@@ -107,7 +108,7 @@ def walls_of_drawing(
     drawing, swings = replace(drawing, fills=fills), [*swings, *sectors]
     check_crossings(lines.ends[~is_row])
     bounds = thickness_bounds(metres_per_unit, extent)
-    solids, rooms, apart_words = _solids_and_rooms(drawing, roles, lines, is_row, bounds[1], extent)
+    solids, rooms, room_words = _solids_and_rooms(drawing, roles, lines, is_row, bounds[1], extent)
     pieces = closed_pieces(lines, roles, bounds[1])
     opened = open_walls(solids, pieces, lines, drawing.fills, roles, extent)
     solids, pieces = opened.solids, opened.pieces
@@ -161,7 +162,7 @@ def walls_of_drawing(
         faces,
         tuple(dict.fromkeys([*used, *sorted(set(names))])),
         tuple(dropped),
-        (*found.warnings, *filter(None, [apart_words]), *left_out_words(candidates, faces, extent)),
+        (*found.warnings, *room_words, *left_out_words(candidates, faces, extent)),
         is_left_out,
         apart,
         np.concatenate([windows.openings, doors.openings, between_jambs, opened.openings]),
@@ -235,8 +236,8 @@ def _solids_and_rooms(
     is_row: Bool[np.ndarray, " n"],
     most: float,
     extent: float,
-) -> tuple[list[BaseGeometry], list[BaseGeometry], str]:
-    """Filled and hatched areas: solid walls, and floors of rooms; and a word on those left out."""
+) -> tuple[list[BaseGeometry], list[BaseGeometry], list[str]]:
+    """Filled and hatched areas: solid walls, and floors of rooms; and doubts about these."""
     fills, is_paper_white = without_paper(drawing.fills, drawing.lines.ends, extent)
     fills = uppermost(fills)
     walls, rooms = sort_fills(fills, roles, extent, drawing.lines.ends, is_paper_white)
@@ -260,7 +261,8 @@ def _solids_and_rooms(
             chosen = []
     if not walls and not chosen:
         chosen = boxed_rooms(lines, most, extent)
-    return walls, chosen, left_out_rooms(rooms, chosen)
+    words = [left_out_rooms(rooms, chosen), plot_words(chosen)]
+    return walls, chosen, [each for each in words if each]
 
 
 def _have_form_of_faces(
